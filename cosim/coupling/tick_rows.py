@@ -2,14 +2,47 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cosim.base.kernel_types import Blocks, Indices, Matrix, Vector
 from cosim.base.kernels import copy, copy_rows, kernel
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.rigid.scene.coupled_scene import SceneRows
+
+if TYPE_CHECKING:
+    from cosim.rigid.scene.coupled_scene import CoupledScene
+
+
+class SceneRows(NamedTuple):
+    """Views of where a scene is: MuJoCo's arrays, which stay where they are in memory.
+
+    Args:
+        joints: (joints,) [rad].
+        joint_speed: (joints,) [rad/s].
+        servo_torque: (joints,) [N m].
+        origin: (3,) [m], of the flange.
+        axes: (3, 3), world from flange.
+        places: (bodies, 3) [m].
+        quaternions: (bodies, 4), world from body.
+        mounted: (6,), force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at
+            its origin, world axes: weight, inertia and contacts, mean over the last rigid step.
+    """
+
+    joints: Vector
+    joint_speed: Vector
+    servo_torque: Vector
+    origin: Vector
+    axes: Matrix
+    places: Matrix
+    quaternions: Matrix
+    mounted: Vector
+
+    @classmethod
+    def of(cls, scene: CoupledScene) -> SceneRows:
+        """Return those of a scene; they stay the same."""
+        flange = scene.flange
+        return cls(*scene.joint_rows, flange.origin, flange.axes, *scene.place_rows, scene.mounted)
 
 
 class Ticks(NamedTuple):

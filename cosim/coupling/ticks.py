@@ -15,7 +15,7 @@ from cosim.base.kernel_types import Blocks, Matrix
 from cosim.base.kernels import unchecked
 from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.tick_rows import Ticks, log_rigid
+from cosim.coupling.tick_rows import SceneRows, Ticks, log_rigid
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
@@ -117,16 +117,19 @@ class TicksTaken:
         """(done, 6), of the soft side on the flange, at its origin, world axes."""
         return self.ticks.figures[: self.done, WRENCH:CENTER]
 
-    def log_scene(self, scene: CoupledScene, bodies: BodyLoads, momentum_error: float) -> None:
+    def log_scene(
+        self, scene: CoupledScene, rows: SceneRows, bodies: BodyLoads, momentum_error: float
+    ) -> None:
         """Fill the row of the tick in progress with what its rigid step has led to.
 
         Args:
             scene: after the step.
+            rows: its own.
             bodies: what has acted on them.
             momentum_error: of what has acted, see `LedgerEntry`.
         """
         k, ticks = self.done, self.ticks
-        unchecked(log_rigid)(k, scene.rows, scene.flange.spin, ticks)
+        unchecked(log_rigid)(k, rows, scene.flange.spin, ticks)
         ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
         if np.count_nonzero(bodies.loaded):
             loaded = np.flatnonzero(bodies.loaded)

@@ -287,8 +287,9 @@ def test_only_stacks_have_sections_finer_meshes_and_published_hinges(tmp_path: P
     ):
         with pytest.raises(ScenarioError, match="not drawn as a stack of units alone"):
             load_scenario(tmp_path / "scenario.toml", changes)
+    sets = [{"name": name, "group": name} for name in ("wall", "cuff")]
     with pytest.raises(ScenarioError, match=r"body: cannot be combined with stack"):
-        load_scenario("ur5e_hexagon_arm", {"soft_robot.body": {"kind": "mesh", "file": "a.obj", "set": []}})
+        load_scenario("ur5e_hexagon_arm", {"soft_robot.body": {"kind": "mesh", "file": "a.obj", "set": sets}})
 
 
 def test_three_triangles_on_an_edge_are_refused(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ from cosim.coupling.schemes.transfer import (
     work_rate,
 )
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
+from cosim.coupling.tick_rows import SceneRows
 from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import FIGURES
@@ -87,6 +88,7 @@ class Interface:
         mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
+        self._rows = SceneRows.of(scene)
         self._mounted = np.zeros(10) if mounted is None else np.array(mounted)
         self._payload, self._mass_kg, self._acting = np.zeros(10), soft.mass_kg, NOTHING
         untouched = contact_arrays.BodyLoads.of(scene.bodies, ahead=False)
@@ -200,11 +202,11 @@ class Interface:
         """
         error = self.momentum_error()
         self.scene.step_arm(servos.position, servos.velocity, self.feedforward(servos))
-        taken.log_scene(self.scene, self._bodies, error)
+        taken.log_scene(self.scene, self._rows, self._bodies, error)
 
     def read_rigid(self, taken: TicksTaken) -> None:
         """Read the rigid step of a tick that somebody else has taken."""
-        taken.log_scene(self.scene, self._bodies, self.momentum_error())
+        taken.log_scene(self.scene, self._rows, self._bodies, self.momentum_error())
 
     def feedforward(self, servos: ServoRow) -> Array:
         """Return the torques (joints,) [N m] that servos are asked for, with the present payload."""

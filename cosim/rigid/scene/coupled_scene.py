@@ -1,46 +1,17 @@
 """What an exchange with a soft robot needs of a scene, whoever steps that."""
 
 from abc import ABC, abstractmethod
-from functools import cached_property
-from typing import Any, Final, NamedTuple, final
+from typing import Any, Final, final
 
 import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
-from cosim.base.kernel_types import Matrix, Vector
 from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.arm import MountedFrame
 from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
 
 _NO_JOINTS: Final = np.zeros(0)
-
-
-class SceneRows(NamedTuple):
-    """Views of where a scene is: MuJoCo's arrays, which stay where they are in memory.
-
-    Args:
-        joints: (joints,) [rad].
-        joint_speed: (joints,) [rad/s].
-        servo_torque: (joints,) [N m].
-        origin: (3,) [m], of the flange.
-        axes: (3, 3), world from flange.
-        places: (bodies, 3) [m].
-        quaternions: (bodies, 4), world from body.
-        mounted: (6,), force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at
-            its origin, world axes: weight, inertia and contacts, mean over the last rigid step.
-    """
-
-    joints: Vector
-    joint_speed: Vector
-    servo_torque: Vector
-    origin: Vector
-    axes: Matrix
-    places: Matrix
-    quaternions: Matrix
-    mounted: Vector
-
-
 _DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 
 
@@ -65,6 +36,9 @@ class CoupledScene(ABC):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, tick_s: float) -> None:
         self._model, self._data, self._tick_s = model, data, tick_s
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
+        # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
+        self.place_rows: tuple[Array, Array] = data.xpos, data.xquat
+        """Views of positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
         self.mounted: Array = np.zeros(6)
         """Force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at its origin,
         world axes: weight, inertia and contacts, mean over the last rigid step."""
@@ -117,16 +91,10 @@ class CoupledScene(ABC):
         return self.flange.twist
 
     @final
-    @cached_property
-    def rows(self) -> SceneRows:
-        """Views of where it is."""
-        data, flange = self._data, self.flange
-        return SceneRows(*self.joint_rows, flange.origin, flange.axes, data.xpos, data.xquat, self.mounted)
-
-    @final
     def body_poses(self) -> tuple[Array, Array]:
         """Return positions (bodies, 3) [m] and quaternions (bodies, 4) (w, x, y, z), world from body."""
-        return self.rows.places.copy(), self.rows.quaternions.copy()
+        position, quaternion = self.place_rows
+        return position.copy(), quaternion.copy()
 
     @final
     def mobility(self, bodies: IntArray | None = None) -> Array:
