@@ -229,9 +229,9 @@ class _NewtonSearch:
             return False
         if not done.residual < options.reuse_below_N:
             return False
-        moving = problem.acting.moving
+        first = problem.acting.moving and not done.reused  # the rounding of further ones may add up
         return (
-            self._factor.step(self._gradient, problem.frame, self._step, roughly=moving) <= options.step_max_m
+            self._factor.step(self._gradient, problem.frame, self._step, roughly=first) <= options.step_max_m
         )
 
     def _shows(self, tried: Evaluation) -> bool:
