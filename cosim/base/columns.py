@@ -265,11 +265,11 @@ class TickColumns(RunColumns):
     node_position = Column(
         "rows, nodes, 3", "m", "of the film, world.", read=lambda ticks: ticks.film.node_position()
     )
-    tip_target = Column("rows, 3", "m", "world; not a number where it is free, or there is none.")
+    tip_target = Column("rows, 3", "m", "world; NaN in free components, and without a target.")
     has_tip_target = Column("rows", "1", "whether there is one.", kind=np.bool_)
     target_distance_m = Column(
         "rows", "m",
-        "of the tip from its target, free components left out; not a number where there is none.",
+        "of the tip from its target in the components that are not free; NaN without a target.",
         read=_target_distance_m,
         view=View("Robot", 5, "sag/target", "", 1e3, "tip to target", ("green",)),
     )  # fmt: skip

@@ -5,11 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.base.frames import Array
+from cosim.base.frames import Array, rotation_from_vector
 from cosim.errors import InputError, SolverError
 from cosim.soft.elements.open_caps import OpenCapSolver
 from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky
-from cosim.soft.linear.linear_solver import FactorState, GeneralLU, LinearSolver, negative_pivots
+from cosim.soft.linear.factor import Factor
+from cosim.soft.linear.linear_solver import (
+    FactorState,
+    GeneralLU,
+    LinearSolver,
+    Tangent,
+    by_component,
+    negative_pivots,
+)
 from cosim.soft.linear.pattern import BlockPattern, PatternWidening
 from tests.derivatives import dense
 
@@ -71,6 +79,22 @@ def test_cholesky_refuses_an_indefinite_matrix_until_the_shift_suffices(kind: ty
     assert not solver.factor(blocks)
     assert not solver.factor(blocks, 0.99 * -lowest)
     assert solver.factor(blocks, 1.01 * -lowest)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_step_in_single_precision_is_that_in_double(turned: bool) -> None:
+    """Up to the rounding of single precision, also of the factorisation after the first."""
+    pattern, free, blocks, _, _, load = problem()
+    factor = Factor(lambda own, _: EnvelopeCholesky(own, free), pattern, by_component(free))
+    frame = rotation_from_vector(np.array([0.3, -0.2, 0.1])) if turned else np.eye(3)
+    for scale in (1.0, 2.0):
+        assert factor.make(Tangent(pattern, scale * blocks), 1.0, np.eye(3), (1e-3, 1.0)) == 1
+        steps = np.empty((2, *load.shape))
+        for step, roughly in zip(steps, (False, True), strict=True):
+            longest = factor.step(load, frame, step, roughly=roughly)
+            assert longest == np.abs(step).max()
+        off = np.abs(steps[1] - steps[0]).max()
+        assert 0.0 < off < 1e-4 * np.abs(steps[0]).max()
 
 
 def unsymmetric(shift: float) -> tuple[OpenCapSolver, Array, Array, Array]:

@@ -92,7 +92,7 @@ def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureF
 
 
 def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
-    # Without a load to one side rounding may leave it on its way for 8 s, unstable still, and it is told so.
+    # Without a load to one side it may stay unstable for 8 s: rounding alone decides when it leaves.
     # This one is a ten thousandth of its weight: far above rounding, and too little to decide beforehand.
     aside = [0.0, -1e-3, -9.81]
     summary = pouch(clock__tick_s=0.002, phase__inflate__settle_s=8.0, gravity_m_s2=aside).summary

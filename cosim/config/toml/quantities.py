@@ -24,7 +24,7 @@ PATTERNS: Final = {
     NAME_PATTERN: "a letter followed by letters, digits, '_' or '-'",
     TEXT_PATTERN: "a text that is not empty, without control characters but tabs and line breaks",
 }
-"""What is asked of a text, in words, by its pattern."""
+"""Patterns of texts, each in words for messages."""
 
 Value = TypeVar("Value")
 
