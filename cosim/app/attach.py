@@ -16,9 +16,11 @@ from cosim.app.driver import log, named_body, prepared
 from cosim.base import kept_parts, state_file
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
-from cosim.config.loading import load_scenario, load_soft_robot, note_kinds
+from cosim.config.loading import load_scenario, load_soft_robot
+from cosim.config.plugins import note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
-from cosim.config.schema.scenario import NO_ARM, ClockTable, Scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.settings import ClockTable
 from cosim.devices.command_source import StepToTake
 from cosim.devices.controller import Command, row_of_numbers
 from cosim.errors import InputError, SolverError

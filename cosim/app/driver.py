@@ -29,7 +29,8 @@ from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
 from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
 from cosim.base.files import files_read
 from cosim.base.kept_parts import KeptParts
-from cosim.config.schema.scenario import RecordingTable, Scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.settings import RecordingTable
 from cosim.config.several_arms import ArmsScenario, of_arm
 from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart

@@ -15,7 +15,8 @@ import numpy as np
 from cosim.base.kept_parts import content_name
 from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario, to_table
-from cosim.config.schema.scenario import GivenBodyTable, Scenario
+from cosim.config.schema.given_body import GivenBodyTable
+from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody

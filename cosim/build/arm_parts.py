@@ -18,10 +18,11 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.base.kept_parts import KeptParts, name_of, stamps
 from cosim.build.arms import cell_of, motion_of, placed_arm
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
-from cosim.config.schema.scenario import ContactTable, Scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.settings import ContactTable
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.several_arms import of_arm
-from cosim.config.toml.rules import Faults, blamed_on
+from cosim.config.toml.rules import Faults, errors_at
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import InputError, ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
@@ -109,7 +110,7 @@ _OF_A_SOLID = ("shape", "size_m", "position_m", "quaternion", "convex")
 
 def rigid_object(entry: ObjectTable) -> SceneObject:
     """Return a scenario's object for the rigid scene."""
-    with blamed_on(f"object.{entry.name}"):
+    with errors_at(f"object.{entry.name}"):
         return SceneObject(
             name=entry.name,
             mass_kg=entry.mass_kg or 0.0,
@@ -238,14 +239,14 @@ class DescribedArm:
         """
         gravity, palm = scenario.gravity_m_s2, scenario.soft_robot.palm
         faults, cell, driven = Faults(), None, None
-        with faults, blamed_on("robot"):
+        with faults, errors_at("robot"):
             file, name = _arm_file(scenario, kept)
             arm = Arm(file, gravity=gravity)
             _check_joints(scenario, arm)
         with faults:
             cell = None if scenario.scene is None else cell_of(scenario.scene)
             driven = motion_of(scenario, cell)
-        faults.tell()
+        faults.raise_all()
         description = SceneDescription(
             arm=file,
             tick_s=scenario.clock.tick_s,
@@ -362,7 +363,7 @@ class ArmParts:
         )
         gravity, palm = scenario.gravity_m_s2, scenario.soft_robot.palm
         self.mounted = mounted = None if palm is None else palm_mass(palm)
-        with blamed_on("robot"):
+        with errors_at("robot"):
             held = None if mounted is None else Payload(mounted.mass_kg, mounted.center, mounted.inertia)
             kept.made(
                 "agreement", name_of(self._arm_name, gravity, palm),

@@ -17,8 +17,9 @@ from cosim.config import arm_files, arm_table
 from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
-from cosim.config.toml.rules import blamed_on
+from cosim.config.toml.rules import errors_at
 from cosim.plan.motion import CellMotion, cell_motion
+from cosim.rigid.build import mounting
 
 if TYPE_CHECKING:
     from cosim.rigid.build.description import Cell
@@ -38,7 +39,7 @@ def placed_arm(robot: str, base: arm_table.BaseTable | None) -> ArmFile:
     if base is None:
         return arm
     placed = Pose.from_quaternion(np.array(base.quaternion), np.array(base.position_m))
-    return arm_table.on_moving_base(replace(arm, world_from_base=placed), base)
+    return mounting.on_moving_base(replace(arm, world_from_base=placed), base)
 
 
 def find_arm(robot: str) -> ArmFile:
@@ -71,7 +72,7 @@ def cell_of(scene: SceneTable) -> "Cell":
     """
     from cosim.rigid.build.compiled_scene import read_cell
 
-    with blamed_on("scene.mjcf"):
+    with errors_at("scene.mjcf"):
         return read_cell(Path(scene.mjcf))
 
 

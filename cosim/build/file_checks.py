@@ -7,7 +7,8 @@ from cosim.base import arm_file, kept_parts
 from cosim.base.frames import Array
 from cosim.build import arm_parts, arms, options, soft_model
 from cosim.config import loading, several_arms, studies
-from cosim.config.schema.scenario import NO_ARM, ModelTable, Scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.rules import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
@@ -78,7 +79,7 @@ def _start_of(scenario: Scenario, kept: kept_parts.KeptParts) -> Array | None:
     if scenario.robot != NO_ARM:
         with faults:
             built = arm_parts.ArmParts(scenario, kept)
-    faults.tell()
+    faults.raise_all()
     if scenario.robot == NO_ARM:
         return None
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
@@ -97,7 +98,7 @@ def check_arms(scenario: several_arms.ArmsScenario) -> None:
             start = _start_of(one, kept)
             assert start is not None, "each of several arms needs a robot"
             starts[name] = start
-    faults.tell()
+    faults.raise_all()
     arm_parts.check_starts(arm_parts.scene_of_arms(scenario.arms, kept)[1], starts)
 
 

@@ -8,9 +8,11 @@ import numpy as np
 
 from cosim.build.soft_body import build_soft_body
 from cosim.config.rules import file_of
-from cosim.config.schema.scenario import GivenBodyTable, ModelTable, Scenario
+from cosim.config.schema.given_body import GivenBodyTable
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.config.toml.rules import blamed_on
+from cosim.config.toml.rules import errors_at
 from cosim.reduced.section_model import STRAINS, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
@@ -41,7 +43,7 @@ def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> 
     Raises:
         ScenarioError: it cannot be built; see `build_soft_body`.
     """
-    with blamed_on("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
+    with errors_at("soft_robot.body" if robot.stack is None else "soft_robot.stack"):
         return build_soft_body(robot, model, finer=finer)
 
 

@@ -12,7 +12,7 @@ from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nam
 from cosim.build import options
 from cosim.build.soft_model import SoftModel
 from cosim.build.stage import contact_decision, decisions, finer_steps, largest_pressure, stage_of
-from cosim.config import loading, several_arms
+from cosim.config import plugins, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import command_source, controller
@@ -66,7 +66,7 @@ def build(
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
     """
     kept = KeptParts() if kept is None else kept
-    loading.note_kinds(scenario)
+    plugins.note_kinds(scenario)
     model = SoftModel(scenario, kept, body, tell)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
@@ -99,7 +99,7 @@ def build_arms(
     described, shared = scene_of_arms(scenarios, kept)
     all_planned = {}
     for (name, scenario), scene in zip(scenarios.items(), shared.arms, strict=True):
-        loading.note_kinds(scenario)
+        plugins.note_kinds(scenario)
         with several_arms.of_arm(name):
             model = SoftModel(scenario, kept, None, tell)
             parts = ArmParts(scenario, kept, described[name], scene)

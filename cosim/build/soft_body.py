@@ -20,8 +20,9 @@ import numpy as np
 from cosim.base import kept_parts, solid
 from cosim.base.frames import Array, IntArray, Pose, cross, in_mm
 from cosim.build.patterns import drawn_pattern
-from cosim.config.schema import pattern, scenario, soft_robot
-from cosim.config.schema.film import FilmTable, StackTable
+from cosim.config.schema import body_sources, given_body, pattern, settings, soft_robot
+from cosim.config.schema.film import FilmTable
+from cosim.config.schema.stack import StackTable
 from cosim.config.toml import parsing
 from cosim.config.toml.rules import Faults
 from cosim.errors import MeshError, ScenarioError
@@ -80,7 +81,7 @@ def _published_film(film: FilmTable) -> FilmTable:
 _SAME_PLANE = 1e-5  # of the film's size
 
 
-def drawn_mesh(table: soft_robot.MeshTable) -> NamedMesh:
+def drawn_mesh(table: body_sources.MeshTable) -> NamedMesh:
     """Return the film of a mesh file, in the flange's frame.
 
     Raises:
@@ -123,7 +124,7 @@ def _six_volumes(surface: solid.GroupedSurface, holes: tuple[IntArray, ...]) -> 
     return float((a * cross(b, c)).sum() + sum(caps))
 
 
-def _nodes(entry: soft_robot.NodeSetTable, surface: solid.GroupedSurface) -> IntArray:
+def _nodes(entry: body_sources.NodeSetTable, surface: solid.GroupedSurface) -> IntArray:
     if entry.group is not None:
         if entry.group not in surface.groups:
             known = ", ".join(surface.groups) or "none"
@@ -293,7 +294,7 @@ class NamedBody:
         """Return a body with names, the usual ones where it has none."""
         return body if isinstance(body, NamedBody) else cls(body)
 
-    def table(self) -> scenario.GivenBodyTable:
+    def table(self) -> given_body.GivenBodyTable:
         """Return what a scenario may name of it."""
         body = self.body
         described = {
@@ -306,7 +307,7 @@ class NamedBody:
             "cables": list(self.cable_names),
             "chambers": [chamber.name for chamber in body.gas_chambers],
         }
-        return parsing.parse(scenario.GivenBodyTable, described, "body", Faults())
+        return parsing.parse(given_body.GivenBodyTable, described, "body", Faults())
 
 
 AnyBody: TypeAlias = SoftBody | NamedBody
@@ -336,7 +337,7 @@ def build_film(table: FilmTable) -> material.Film:
 
 
 def build_soft_body(
-    robot: soft_robot.SoftRobotTable, model: scenario.ModelTable, path: str = "soft_robot", finer: int = 0
+    robot: soft_robot.SoftRobotTable, model: settings.ModelTable, path: str = "soft_robot", finer: int = 0
 ) -> SoftBody:
     """Return the soft body of a robot, in the flange frame.
 
@@ -397,7 +398,7 @@ def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]
     """Return the unrefined mesh of a robot that is no stack, twice."""
     assert robot.body is not None, "a checked robot has one of the two"
     mesh: NamedMesh
-    if isinstance(robot.body, soft_robot.MeshTable):
+    if isinstance(robot.body, body_sources.MeshTable):
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
     elif isinstance(robot.body, pattern.PatternTable):
@@ -491,7 +492,7 @@ def _check_panels(robot: soft_robot.SoftRobotTable, mesh: NamedMesh, path: str) 
 
 
 def _with_attachment(
-    body: SoftBody, entry: soft_robot.AttachmentTable, model: scenario.ModelTable, path: str, finer: int
+    body: SoftBody, entry: soft_robot.AttachmentTable, model: settings.ModelTable, path: str, finer: int
 ) -> SoftBody:
     top = body.tip_position(body.positions) + np.array([0.0, 0.0, entry.height_m])
     plate = Plate(entry.plate.mass_kg, entry.plate.stiffness_N_m)
@@ -512,7 +513,7 @@ def _cable(mesh: NamedMesh, entry: soft_robot.CableTable) -> Cable:
 
 
 def _hinges(
-    robot: soft_robot.SoftRobotTable, model: scenario.ModelTable, coarse: NamedMesh, mesh: NamedMesh
+    robot: soft_robot.SoftRobotTable, model: settings.ModelTable, coarse: NamedMesh, mesh: NamedMesh
 ) -> tuple[IntArray, Array]:
     """Return hinge nodes (h, 4) and their stiffness (h,) [N m/rad].
 

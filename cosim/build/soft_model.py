@@ -16,9 +16,11 @@ from typing import final
 from cosim.base import caches, kept_parts, state_file
 from cosim.build import options, soft_body
 from cosim.config.rules import file_of
+from cosim.config.schema.body_sources import BodySourceTable, MeshTable
+from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.pattern import PatternTable
-from cosim.config.schema.scenario import AnySoftRobot, GivenBodyTable, Scenario
-from cosim.config.schema.soft_robot import BodySourceTable, MeshTable, SoftRobotTable
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.soft_sides import frozen_body, lumped_arm, section_arm, soft_side
 from cosim.errors import ConvergenceError, ScenarioError
 from cosim.plan.motion import pose_of

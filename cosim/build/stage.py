@@ -17,10 +17,11 @@ from scipy.sparse.csgraph import connected_components
 from cosim.base.frames import Array
 from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
 from cosim.build.soft_body import TAKEN_AWAY, published_robot
+from cosim.config.gas_rules import gas_report, gas_rules
 from cosim.config.loading import to_table
-from cosim.config.rules import gas_report, gas_rules
+from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.phase import CELL_KEYS
-from cosim.config.schema.scenario import GivenBodyTable, Scenario
+from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import device_loop, sensor

@@ -16,13 +16,13 @@ from cosim.base import kept_parts, resources
 from cosim.base.files import write_whole
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
-from cosim.config import arm_files, loading, robot_files, studies, upgrading
+from cosim.config import arm_files, loading, menagerie, studies, upgrading
 from cosim.config.json_schema import Kind, json_schema
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.several_arms import ArmsScenario, has_arms, load_arms
 from cosim.config.toml.old_keys import SCHEMA
 from cosim.config.toml.reading import read_table
-from cosim.config.toml.rules import blamed_on
+from cosim.config.toml.rules import errors_at
 from cosim.errors import InputError, ScenarioError
 from cosim.results import exports, ros_bag
 from cosim.results.result import RunResult, figure_kind
@@ -106,7 +106,7 @@ def _arm_line(name: str) -> str:
     """
     from cosim.build.file_checks import checked_arm, flange_at_home  # here: other files wait for no engine
 
-    with blamed_on(name):
+    with errors_at(name):
         arm = checked_arm(name)
         home = flange_at_home(arm)
     return "; ".join((f"{len(arm.joint_names)} joints", *arm.notes, home, "both engines agree"))
@@ -180,7 +180,7 @@ def _checked(name: str, fine: str) -> bool:
     path = Path(name)
     faults: tuple[tuple[str, str], ...] = ()
     try:
-        if robot_files.is_of_menagerie(name) or (resources.is_file(path) and arm_files.is_arm_file(path)):
+        if menagerie.is_of_menagerie(name) or (resources.is_file(path) and arm_files.is_arm_file(path)):
             fine = f"{fine}: {_arm_line(name)}"
         else:
             fine += _check_built(path if resources.is_file(path) else resources.scenario_path(name))

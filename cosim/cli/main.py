@@ -135,7 +135,7 @@ def _command(options: argparse.Namespace, started: float) -> int:
 
 def _import_kinds(modules: Sequence[str]) -> None:
     if modules:
-        from cosim.config.loading import register_module  # here, because it loads pydantic
+        from cosim.config.plugins import register_module  # here, because it loads pydantic
 
         for name in modules:
             register_module(name)

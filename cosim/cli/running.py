@@ -19,7 +19,8 @@ from cosim.app import checkpoint, driver, progress, run_files
 from cosim.base import kept_parts
 from cosim.cli.screen import Interruption, draw, logged_to, tell
 from cosim.config import arm_files, loading, rules, several_arms
-from cosim.config.schema.scenario import NO_ARM, RecordingTable, Scenario
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.settings import RecordingTable
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE

@@ -9,7 +9,7 @@ from typing import Final, final
 
 from cosim.app.ended_run import found_recordings
 from cosim.cli.screen import Interruption, draw, tell
-from cosim.config.schema.scenario import RecordingTable
+from cosim.config.schema.settings import RecordingTable
 from cosim.errors import InputError
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder

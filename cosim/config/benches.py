@@ -1,4 +1,6 @@
-"""Bench files and design studies: measured curves, what of a robot may change, and what is wanted of it."""
+"""Tables of bench files, with measured curves and the robot's unknown values (`cosim identify`), and of
+design studies, with free values, a goal and limits (`cosim design`).
+"""
 
 import csv
 import math
@@ -14,7 +16,7 @@ from cosim.config.studies import flat
 from cosim.config.toml import parsing, reading
 from cosim.config.toml.keys import listing, unknown_name_message
 from cosim.config.toml.quantities import Name, Number, Positive, Text
-from cosim.config.toml.rules import Fault, Faults, Told, check, rule
+from cosim.config.toml.rules import Fault, Faults, Violations, check, rule
 from cosim.config.toml.tables import Table
 from cosim.errors import InputError, ScenarioError
 
@@ -26,11 +28,11 @@ _UNITS: Final[dict[str, tuple[str, float]]] = {
     "l": ("m^3", 1e-3), "ml": ("m^3", 1e-6), "cm3": ("m^3", 1e-6), "mm3": ("m^3", 1e-9), "Nm": ("N m", 1.0),
     "Nmm": ("N m", 1e-3),
 }  # fmt: skip
-"""By the end of a column's name: the unit that it is in, and by what its numbers are multiplied."""
+"""Ending of a column's name -> its SI unit, and the factor that converts its numbers to it."""
 
 
 def unit_of_column(column: str) -> tuple[str, float]:
-    """Return the SI unit of a column, and the factor to it; "1" for a name that ends in no unit."""
+    """Return the SI unit of a column and the factor that converts to it; "1" and 1 for a name without unit."""
     return _UNITS.get(column.rpartition("_")[2], ("1", 1.0))
 
 
@@ -41,11 +43,11 @@ class FreeTable(Table):
     Args:
         key: of the soft robot, such as "soft_robot.film.young_modulus_Pa"; in a design study also a name that
             loads have in place of a number.
-        low: the least that it may be.
-        high: the most that it may be, above low.
+        low: lower bound.
+        high: upper bound, above low.
         also: further keys that have the same value, such as the factors of several cables; the opposite
             value with a minus before the key, such as corners of a pattern that is symmetric about x = 0.
-        start: where the search begins; omitted: what the robot's file says.
+        start: value at which the search begins; omitted: that of the robot's file.
     """
 
     key: Text
@@ -55,7 +57,7 @@ class FreeTable(Table):
     start: Number | None = None
 
     @rule
-    def _has_room(self) -> Told:
+    def _has_room(self) -> Violations:
         if not self.low < self.high:
             yield Fault("high", f"is {self.high:g}; must be above low, {self.low:g}")
 
@@ -63,10 +65,10 @@ class FreeTable(Table):
 @final
 @dataclass(frozen=True)
 class UnknownTable(FreeTable):
-    """A value that is looked for.
+    """An unknown value that is identified.
 
     Args:
-        prior_sd: standard deviation of what is known of it besides, about start; omitted: nothing is.
+        prior_sd: standard deviation of the prior, a normal distribution about start; omitted: no prior.
     """
 
     prior_sd: Positive | None = None
@@ -78,16 +80,16 @@ class SeriesTable(Table):
     """A measured curve; one row of its file is one equilibrium.
 
     Args:
-        name: of it.
-        file: CSV beside the bench file; the first line names the columns, whose names end in their units,
-            such as pressure_kPa.
-        quantity: what was measured, an output of `cosim.sensitivity` such as "length_m".
+        name: of the curve.
+        file: CSV in the folder of the bench file; the first line names the columns, whose names end in their
+            units, such as pressure_kPa.
+        quantity: the measured quantity, an output of `cosim.sensitivity` such as "length_m".
         measured: column with its values.
         loads: by load, the column with its values, or a number: "pressure_Pa", "cable_tension_N.CABLE",
             "cable_length_m.CABLE", and dead loads "force_N.RING.x", .y or .z, world axes.
         noise: standard deviation of the measured values, in the unit of their column.
-        relative: whether only changes were measured: their zero is unknown, and found with the values.
-        hold_out: every so manieth row is kept out of the fit, and predicted by it; 0: none is.
+        relative: whether only changes were measured: their zero is unknown, and identified with the values.
+        hold_out: every n-th row is left out of the fit and predicted by it; 0: none.
     """
 
     name: Name
@@ -103,7 +105,7 @@ class SeriesTable(Table):
 @final
 @dataclass(frozen=True)
 class BenchTable(Table):
-    """A bench: a scenario, what is looked for, and what was measured.
+    """A bench: a scenario, the unknown values, and the measured curves.
 
     Args:
         scenario: name of one that comes with cosim, or path of a .toml file: its soft robot, the flange's
@@ -130,7 +132,7 @@ class Series:
         values: measured, in the unit of the quantity.
         noise: standard deviation of them.
         unit: SI unit of the measured column.
-        others: what the values would be if they stood in another column of the file, by its name.
+        others: the file's other columns by name, multiplied by the factor of the measured column.
     """
 
     table: SeriesTable
@@ -145,7 +147,7 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     """Return a checked bench and its curves.
 
     Args:
-        source: path of a .toml file; paths in it are seen from there.
+        source: path of a .toml file; paths in it start from its folder.
 
     Raises:
         InputError: there is no such file.
@@ -157,12 +159,12 @@ def load_bench(source: str | Path) -> tuple[BenchTable, tuple[Series, ...]]:
     faults = Faults()
     bench = parsing.parse(BenchTable, reading.read_table(path), "", faults)
     check(bench, "", None, (), faults)
-    faults.tell()
+    faults.raise_all()
     found = []
     for entry in bench.series:
         with faults:
             found.append(_series(replace(entry, loads=flat(entry.loads)), path.parent))
-    faults.tell()
+    faults.raise_all()
     changes: dict[str, Any] = {"set": flat(bench.set)}
     if bench.scenario not in list_scenarios():
         changes["scenario"] = str(path.parent / bench.scenario)
@@ -193,10 +195,16 @@ def _series(table: SeriesTable, folder: Path) -> Series:
 def _column(
     columns: Mapping[str, tuple[float, ...]], name: Any, of: str, key: str
 ) -> tuple[tuple[float, ...], float, str]:
-    """Return a column in SI units, its factor and unit.
+    """Return a column in SI units, the factor to these, and the unit.
+
+    Args:
+        columns: of the file.
+        name: of the column.
+        of: load or quantity that the column has the values of.
+        key: of the bench file that names the column.
 
     Raises:
-        ScenarioError: there is no such column, or it is of another unit than what it is the value of.
+        ScenarioError: there is no such column, or its unit is not that of the load or quantity.
     """
     if name not in columns:
         raise ScenarioError(key, f"no column {name!r}; there are {listing(tuple(columns))}")
@@ -230,10 +238,10 @@ def _columns(file: Path, key: str) -> dict[str, tuple[float, ...]]:
 @final
 @dataclass(frozen=True)
 class CaseTable(Table):
-    """An equilibrium that is looked at.
+    """An equilibrium that the study solves.
 
     Args:
-        name: of it.
+        name: of the equilibrium.
         loads: values by load, or names of parameters: "pressure_Pa", "cable_tension_N.CABLE",
             "cable_length_m.CABLE", and dead loads "force_N.RING.x", .y or .z, world axes (numbers alone).
     """
@@ -245,13 +253,13 @@ class CaseTable(Table):
 @final
 @dataclass(frozen=True)
 class GoalTable(Table):
-    """What shall be least or most.
+    """The quantity that the study minimises or maximises.
 
     Args:
         quantity: an output of `cosim.sensitivity`, such as "tip_position_m.z", "mass_kg", "frame_strain".
-        case: in which equilibrium; omitted: the first.
-        minus: an equilibrium whose value is subtracted; omitted: nothing is.
-        sense: "least" or "most".
+        case: name of its equilibrium; omitted: the first.
+        minus: name of an equilibrium whose value is subtracted; omitted: none.
+        sense: "least" minimises, "most" maximises.
     """
 
     quantity: Text
@@ -263,15 +271,15 @@ class GoalTable(Table):
 @final
 @dataclass(frozen=True)
 class LimitTable(Table):
-    """What a quantity has to be; one of the last three keys.
+    """A limit on a quantity; exactly one of at_least, at_most and equal is given.
 
     Args:
         quantity: see `GoalTable`.
-        case: the same.
-        minus: the same.
+        case: see `GoalTable`.
+        minus: see `GoalTable`.
         at_least: lower bound.
         at_most: upper bound.
-        equal: value.
+        equal: required value.
     """
 
     quantity: Text
@@ -282,24 +290,24 @@ class LimitTable(Table):
     equal: Number | None = None
 
     @rule
-    def _has_a_bound(self) -> Told:
+    def _has_a_bound(self) -> Violations:
         if sum(bound is not None for bound in (self.at_least, self.at_most, self.equal)) != 1:
             yield Fault("quantity", f"{self.quantity} needs one of at_least, at_most and equal")
 
     @property
     def bound(self) -> float:
-        """The number that it gives."""
-        found = [value for value in (self.at_least, self.at_most, self.equal) if value is not None]
-        return found[0]
+        """The lower bound, the upper bound, or the required value, whichever is given."""
+        given = [value for value in (self.at_least, self.at_most, self.equal) if value is not None]
+        return given[0]
 
 
 @final
 @dataclass(frozen=True)
 class ChoiceTable(Table):
-    """One of several kinds of the robot; each is designed, and the best is taken.
+    """One of several kinds of the robot; each is optimised, and the best one is the result.
 
     Args:
-        name: of it.
+        name: of the choice.
         set: values by key path, such as the number of units with the cables that run through them.
     """
 
@@ -317,12 +325,12 @@ class DesignStudyTable(Table):
             pose, gravity and contact; its phases are not run.
         parameter: `[[parameter]]` in the file.
         case: `[[case]]` in the file.
-        goal: what shall be least or most.
+        goal: the quantity to minimise or maximise.
         limit: `[[limit]]` in the file.
         choice: `[[choice]]` in the file.
         set: values by key path, on top of the scenario.
-        evaluations: designs that are solved at most, from each start of each choice.
-        starts: how often each choice is searched: from the file's values first, then from random ones.
+        evaluations: largest number of solved designs, for each start of each choice.
+        starts: number of searches for each choice: from the file's values first, then from random ones.
         seed: of the random values.
     """
 
@@ -342,7 +350,7 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     """Return a checked design study.
 
     Args:
-        source: path of a .toml file; paths in it are seen from there.
+        source: path of a .toml file; paths in it start from its folder.
 
     Raises:
         InputError: there is no such file.
@@ -354,7 +362,7 @@ def load_design_study(source: str | Path) -> DesignStudyTable:
     faults = Faults()
     study = parsing.parse(DesignStudyTable, reading.read_table(path), "", faults)
     check(study, "", None, (), faults)
-    faults.tell()
+    faults.raise_all()
     cases = tuple(replace(case, loads=flat(case.loads)) for case in study.case)
     names = tuple(case.name for case in cases)
     for case in cases:

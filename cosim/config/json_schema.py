@@ -1,7 +1,6 @@
-"""JSON Schema (draft 2020-12) of scenario, robot and arm files, for editors; made from the tables' classes.
-
-Bounds, defaults and enumerations are those of the fields, descriptions those of the docstrings' arguments.
-What only rules across tables can tell is not in it.
+"""JSON Schema (draft 2020-12) of scenario, robot and arm files, for editors. It is generated from the tables'
+classes: bounds, defaults and enumerations come from the fields, descriptions from the docstrings. Rules
+across tables are not in it.
 """
 
 from copy import deepcopy
@@ -9,8 +8,8 @@ from typing import Any, Final, Literal, final
 
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 
-from cosim.config import arm_table, loading, several_arms
-from cosim.config.schema import phase, scenario, soft_robot
+from cosim.config import arm_table, plugins, several_arms
+from cosim.config.schema import given_body, phase, scenario, soft_robot
 from cosim.config.toml.old_keys import SCHEMA
 from cosim.config.toml.tables import adapter_of
 
@@ -31,12 +30,12 @@ _ROBOT_GIVEN: Final = (
 
 
 def json_schema(kind: Kind) -> dict[str, Any]:
-    """Return the JSON Schema of a kind of files.
+    """Return the JSON Schema of scenario, robot or arm files.
 
     Args:
         kind: "scenario", "robot" or "arm".
     """
-    loading.register_installed()
+    plugins.register_installed()
     root = _ROOTS[kind].__name__
     made = adapter_of(_ROOTS[kind]).json_schema(schema_generator=_WithoutNull)
     tables: dict[str, Any] = made.pop("$defs")
@@ -45,7 +44,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     if kind == "scenario":
         made["required"].remove("name")  # that of the file, if it is left out
         tables[phase.PhaseTable.__name__]["required"].remove("duration_s")  # that of a tip path, beside one
-        del tables[scenario.GivenBodyTable.__name__]
+        del tables[given_body.GivenBodyTable.__name__]
         _give_robot(tables[root]["properties"]["soft_robot"])
         _add_arms(tables)
     if kind != "arm":
@@ -57,15 +56,15 @@ def json_schema(kind: Kind) -> dict[str, Any]:
 
 @final
 class _WithoutNull(GenerateJsonSchema):
-    """TOML has no null: who leaves a value out leaves its key out."""
+    """Leaves null out of the schema: in TOML an absent value is an absent key."""
 
     def nullable_schema(self, schema: Any) -> JsonSchemaValue:
-        """Return the schema of a value that is there."""
+        """Return the schema of the value if it is present."""
         return self.generate_inner(schema["schema"])
 
 
 def _add_arms(tables: dict[str, Any]) -> None:
-    """Add the tables of several arms, with the keys of a scenario that each may give."""
+    """Add the table of `[[arm]]` with the keys that each of several arms may give."""
     top = tables[scenario.Scenario.__name__]
     own = {key: top["properties"][key] for key in several_arms.OF_AN_ARM}
     name = {key: value for key, value in top["properties"]["name"].items() if key != "description"}
@@ -85,7 +84,7 @@ def _add_arms(tables: dict[str, Any]) -> None:
 
 
 def _add_changes(tables: dict[str, Any]) -> None:
-    """Add tables that change a soft robot's file: those of a soft robot, in which nothing is required."""
+    """Add the tables that change a soft robot's file: tables of a soft robot without required keys."""
     changes = deepcopy(tables[soft_robot.SoftRobotTable.__name__])
     for node in changes["properties"].values():
         name = node.get("$ref", "").rpartition("/")[2]
@@ -98,7 +97,7 @@ def _add_changes(tables: dict[str, Any]) -> None:
 
 
 def _give_robot(node: dict[str, Any]) -> None:
-    """Let a key take a soft robot as files give it, in place of its full table."""
+    """Allow the forms in which files give a soft robot (name, path, changes to a file) for a key."""
     for key in ("$ref", "oneOf"):
         node.pop(key, None)
     node["anyOf"] = _ROBOT_GIVEN

@@ -1,12 +1,15 @@
-"""Rules that tie tables of a scenario together; those of one table are beside its fields."""
+"""Rules that tie the tables of a scenario together. The rules of a single table are in the class of that
+table.
+"""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 from cosim.base.resources import list_arms
-from cosim.config import arm_files, device_rules
-from cosim.config.schema import film, objects, soft_robot
+from cosim.config import arm_files, device_rules, gas_rules
+from cosim.config.device_rules import unknown_cables
+from cosim.config.schema import objects, soft_robot, stack
+from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.phase import (
     CELL_KEYS,
     JOINT_KEYS,
@@ -15,13 +18,12 @@ from cosim.config.schema.phase import (
     PhaseTable,
     StartTable,
     SupportTable,
-    given_values,
-    values_after,
 )
-from cosim.config.schema.scenario import NO_ARM, AnySoftRobot, GivenBodyTable, Scenario, unknown_cables
+from cosim.config.schema.scenario import NO_ARM, Scenario
+from cosim.config.schema.settings import FrictionPairTable
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.quantities import OneOrByName
-from cosim.config.toml.rules import Fault, Faults, Told, check, rule, rules_of
+from cosim.config.toml.rules import Fault, Faults, Violations, check, rule, rules_of
 from cosim.errors import ScenarioError
 
 MOST_TRIANGLES: Final = 200_000
@@ -35,17 +37,17 @@ _TAKE: Final = "use fidelity = 'lumped'"
 
 
 def check_scenario(scenario: Scenario, faults: Faults) -> None:
-    """Check what single values cannot show: names that must exist, lengths that must agree.
+    """Check a scenario's rules, such as names that must exist and lengths that must agree.
 
     Args:
-        scenario: whose values are right by themselves.
-        faults: gets the rules that are broken.
+        scenario: whose values are within their types and bounds.
+        faults: gets the broken rules.
     """
     check(scenario, "", None, _RULES, faults)
 
 
 def check_ends(scenario: Scenario) -> None:
-    """Check that a scenario has phases, with which it ends.
+    """Check that a scenario ends, that is, that it has phases.
 
     Raises:
         ScenarioError: it has none.
@@ -59,14 +61,14 @@ def check_ends(scenario: Scenario) -> None:
 
 
 def file_of(scenario: Scenario, what: str) -> soft_robot.SoftRobotTable:
-    """Return the soft robot of a scenario as its file has it.
+    """Return the table of a scenario's soft robot.
 
     Args:
         scenario: checked.
-        what: needs it, for the message.
+        what: needs the table, for the message.
 
     Raises:
-        ScenarioError: it is given as arrays.
+        ScenarioError: the soft body is given as arrays, so it has no table.
     """
     robot = scenario.soft_robot
     if isinstance(robot, GivenBodyTable):
@@ -77,13 +79,13 @@ def file_of(scenario: Scenario, what: str) -> soft_robot.SoftRobotTable:
 
 
 @rule
-def _the_arm_is_known(scenario: Scenario) -> Told:
+def _the_arm_is_known(scenario: Scenario) -> Violations:
     if scenario.robot not in (*list_arms(), NO_ARM) and not arm_files.is_arm_path(scenario.robot):
         yield "robot", arm_files.unknown_arm(scenario.robot, (NO_ARM,))
 
 
 @rule
-def _without_phases_it_is_stepped(scenario: Scenario) -> Told:
+def _without_phases_it_is_stepped(scenario: Scenario) -> Violations:
     if scenario.endless and scenario.mode != "dynamic":
         yield Fault(
             "mode",
@@ -93,14 +95,14 @@ def _without_phases_it_is_stepped(scenario: Scenario) -> Told:
 
 
 @rule
-def _no_object_has_its_name(wire: objects.WireTable, scenario: Scenario) -> Told:
+def _no_object_has_its_name(wire: objects.WireTable, scenario: Scenario) -> Violations:
     if wire.name in [entry.name for entry in scenario.objects]:
         yield "", "the name is used twice; names must differ"
 
 
 @rule
-def _stacks_alone_have_other_models(scenario: Scenario) -> Told:
-    """A soft body that is not a stack of units is asked for nothing that only a stack has."""
+def _stacks_alone_have_other_models(scenario: Scenario) -> Violations:
+    """Fidelities and switches that need a stack of units are refused for other soft bodies."""
     robot, fidelity = scenario.soft_robot, scenario.fidelity
     given = isinstance(robot, GivenBodyTable)
     if isinstance(robot, soft_robot.SoftRobotTable) and robot.all_stacks:
@@ -124,7 +126,7 @@ def _stacks_alone_have_other_models(scenario: Scenario) -> Told:
 
 
 @rule
-def _a_given_body_is_closed_as_given(scenario: Scenario) -> Told:
+def _a_given_body_is_closed_as_given(scenario: Scenario) -> Violations:
     robot, closed = scenario.soft_robot, scenario.model.closed
     if isinstance(robot, GivenBodyTable) and closed != robot.closed:
         yield Fault(
@@ -134,13 +136,13 @@ def _a_given_body_is_closed_as_given(scenario: Scenario) -> Told:
 
 
 @rule
-def _a_rigid_one_is_closed(scenario: Scenario) -> Told:
+def _a_rigid_one_is_closed(scenario: Scenario) -> Violations:
     if scenario.fidelity == "rigid" and not scenario.model.closed:
         yield "fidelity", "'rigid' needs model.closed = true: it leaves out how an open chamber's gas pushes"
 
 
 @rule
-def _a_rigid_one_is_held(phase: PhaseTable, scenario: Scenario) -> Told:
+def _a_rigid_one_is_held(phase: PhaseTable, scenario: Scenario) -> Violations:
     if scenario.fidelity == "rigid":
         for key, given in (("release", phase.release), ("support", phase.supports)):
             if given:
@@ -148,16 +150,16 @@ def _a_rigid_one_is_held(phase: PhaseTable, scenario: Scenario) -> Told:
 
 
 @rule
-def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
+def _a_section_model_is_of_one_stack(scenario: Scenario) -> Violations:
     robot = scenario.soft_robot
     if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable):
         return
     if robot.attachments:
         yield "soft_robot.attach", f"has no section model: it is of one stack of units; {_TAKE}"
-    if robot.base != (film.FIRST_RING,):
+    if robot.base != (stack.FIRST_RING,):
         yield (
             "soft_robot.base",
-            f"is {list(robot.base)}; a section model needs ['{film.FIRST_RING}'] alone; {_TAKE}",
+            f"is {list(robot.base)}; a section model needs ['{stack.FIRST_RING}'] alone; {_TAKE}",
         )
     for cable in [cable for cable in robot.cables if cable.eyelet_loss_N > 0.0][:1]:
         yield Fault(
@@ -167,7 +169,7 @@ def _a_section_model_is_of_one_stack(scenario: Scenario) -> Told:
 
 
 @rule
-def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Told:
+def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Violations:
     robot = scenario.soft_robot
     if scenario.fidelity != "section" or isinstance(robot, GivenBodyTable) or not robot.copies:
         return
@@ -186,7 +188,7 @@ def _copies_of_a_section_model_have_one_pressure(scenario: Scenario) -> Told:
 
 
 @rule
-def _a_section_model_is_held_by_frames(phase: PhaseTable, scenario: Scenario) -> Told:
+def _a_section_model_is_held_by_frames(phase: PhaseTable, scenario: Scenario) -> Violations:
     robot = scenario.soft_robot
     if scenario.fidelity != "section":
         return
@@ -201,7 +203,7 @@ def _a_section_model_is_held_by_frames(phase: PhaseTable, scenario: Scenario) ->
 
 
 @rule
-def _the_mesh_is_not_too_large(scenario: Scenario) -> Told:
+def _the_mesh_is_not_too_large(scenario: Scenario) -> Violations:
     finer = scenario.fidelity == "refined"
     triangles = scenario.soft_robot.triangles * (4 if finer else 1)
     if triangles > MOST_TRIANGLES:
@@ -214,22 +216,22 @@ def _the_mesh_is_not_too_large(scenario: Scenario) -> Told:
 
 
 @rule
-def _there_are_not_too_many_solids(scenario: Scenario) -> Told:
+def _there_are_not_too_many_solids(scenario: Scenario) -> Violations:
     solids = sum(max(1, bool(entry.shape) + len(entry.parts)) for entry in scenario.objects)
     if solids > MOST_SOLIDS:
         yield "object", f"makes {solids} solids in all; at most {MOST_SOLIDS} are allowed"
 
 
 @rule
-def _there_are_not_too_many_segments(scenario: Scenario) -> Told:
+def _there_are_not_too_many_segments(scenario: Scenario) -> Violations:
     segments = sum(wire.segments for wire in scenario.wires)
     if segments > MOST_SOLIDS:
         yield "wire", f"makes {segments} segments in all; at most {MOST_SOLIDS} are allowed"
 
 
 @rule
-def _it_ends_within_reach(scenario: Scenario) -> Told:
-    """Ticks or increments, by the mode, are not too many; the phase that makes most of them is named."""
+def _it_ends_within_reach(scenario: Scenario) -> Violations:
+    """The number of ticks or increments is bounded; the message names the phase with most of them."""
     if scenario.endless:
         return
     quasistatic, tick_s = scenario.mode == "quasistatic", scenario.clock.tick_s
@@ -247,14 +249,14 @@ def _it_ends_within_reach(scenario: Scenario) -> Told:
 
 
 @rule
-def _a_phase_lasts_a_tick(phase: PhaseTable, scenario: Scenario) -> Told:
+def _a_phase_lasts_a_tick(phase: PhaseTable, scenario: Scenario) -> Violations:
     tick_s = scenario.clock.tick_s
     if phase.duration_s < tick_s:
         yield "duration_s", f"{phase.duration_s:g} is shorter than a tick ({tick_s:g} s)"
 
 
 @rule
-def _every_cable_has_a_tension(table: PhaseTable | StartTable, scenario: Scenario) -> Told:
+def _every_cable_has_a_tension(table: PhaseTable | StartTable, scenario: Scenario) -> Violations:
     tensions, cables = table.cable_tension_N, scenario.soft_robot.cable_names()
     if not isinstance(tensions, tuple) or len(tensions) == len(cables):  # a table has been refused before
         return
@@ -266,14 +268,14 @@ def _every_cable_has_a_tension(table: PhaseTable | StartTable, scenario: Scenari
 
 
 @rule
-def _cables_reach_a_target(phase: PhaseTable, scenario: Scenario) -> Told:
+def _cables_reach_a_target(phase: PhaseTable, scenario: Scenario) -> Violations:
     robot, target = scenario.soft_robot, phase.tip_target
     if target is not None and target.reach_with == "cables" and not robot.cable_names():
         yield "tip_target.reach_with", f"soft robot '{robot.name}' has no cables"
 
 
 @rule
-def _objects_hang_on_others(entry: objects.ObjectTable, scenario: Scenario) -> Told:
+def _objects_hang_on_others(entry: objects.ObjectTable, scenario: Scenario) -> Violations:
     names = tuple(each.name for each in scenario.objects)
     for key, joint in (("hinge", entry.hinge), ("slide", entry.slide)):
         if joint is not None and joint.parent is not None and joint.parent not in names:
@@ -281,7 +283,7 @@ def _objects_hang_on_others(entry: objects.ObjectTable, scenario: Scenario) -> T
 
 
 @rule
-def _none_hangs_on_itself(entry: objects.ObjectTable, scenario: Scenario) -> Told:
+def _none_hangs_on_itself(entry: objects.ObjectTable, scenario: Scenario) -> Violations:
     joints = {each.name: each.hinge or each.slide for each in scenario.objects}
     line: list[str] = [entry.name]
     while (joint := joints.get(line[-1])) is not None and joint.parent is not None:
@@ -292,7 +294,7 @@ def _none_hangs_on_itself(entry: objects.ObjectTable, scenario: Scenario) -> Tol
 
 
 @rule
-def _wires_are_tied_to_objects(wire: objects.WireTable, scenario: Scenario) -> Told:
+def _wires_are_tied_to_objects(wire: objects.WireTable, scenario: Scenario) -> Violations:
     names = tuple(entry.name for entry in scenario.objects)
     for key, held in (("first", wire.first), ("last", wire.last)):
         if held is not None and held not in names:
@@ -300,7 +302,7 @@ def _wires_are_tied_to_objects(wire: objects.WireTable, scenario: Scenario) -> T
 
 
 @rule
-def _a_cell_is_there_to_be_driven(phase: PhaseTable, scenario: Scenario) -> Told:
+def _a_cell_is_there_to_be_driven(phase: PhaseTable, scenario: Scenario) -> Violations:
     for key in CELL_KEYS:
         if getattr(phase, key) is not None:
             if scenario.scene is None:
@@ -310,7 +312,7 @@ def _a_cell_is_there_to_be_driven(phase: PhaseTable, scenario: Scenario) -> Told
 
 
 @rule
-def _without_an_arm_nothing_is_around(scenario: Scenario) -> Told:
+def _without_an_arm_nothing_is_around(scenario: Scenario) -> Violations:
     if scenario.robot == NO_ARM:
         given = {"object": scenario.objects, "scene": scenario.scene, "arm_base": scenario.arm_base}
         given |= {f"start.{key}": getattr(scenario.start, key) for key in JOINT_KEYS}
@@ -319,7 +321,7 @@ def _without_an_arm_nothing_is_around(scenario: Scenario) -> Told:
 
 
 @rule
-def _an_arm_moves_or_supports_hold(phase: PhaseTable, scenario: Scenario) -> Told:
+def _an_arm_moves_or_supports_hold(phase: PhaseTable, scenario: Scenario) -> Violations:
     if scenario.robot != NO_ARM:
         if phase.supports:
             yield "support", f"needs robot = '{NO_ARM}'; on an arm, use clamp"
@@ -337,7 +339,7 @@ def _expanded(rings: Iterable[str], robot: AnySoftRobot) -> set[str]:
 
 
 @rule
-def _something_holds_it(scenario: Scenario) -> Told:
+def _something_holds_it(scenario: Scenario) -> Violations:
     robot = scenario.soft_robot
     held, supported = _expanded(robot.base, robot), False
     for phase in scenario.phases:
@@ -349,20 +351,20 @@ def _something_holds_it(scenario: Scenario) -> Told:
             yield f"phase.{phase.name}.release", "lets go of all that holds the soft robot; support it"
 
 
-def _unknown_rings(rings: Iterable[str], scenario: Scenario, key: str) -> Told:
+def _unknown_rings(rings: Iterable[str], scenario: Scenario, key: str) -> Violations:
     known = scenario.soft_robot.ring_names()
     for ring in [ring for ring in rings if not matching(ring, known)][:1]:
         yield key, unknown_name_message("ring", ring, known)
 
 
 @rule
-def _rings_are_there(phase: PhaseTable, scenario: Scenario) -> Told:
+def _rings_are_there(phase: PhaseTable, scenario: Scenario) -> Violations:
     yield from _unknown_rings(phase.release, scenario, "release")
     yield from _unknown_rings(phase.clamp, scenario, "clamp")
 
 
 @rule
-def _nodes_are_there(group: SupportTable | ForceTable, scenario: Scenario) -> Told:
+def _nodes_are_there(group: SupportTable | ForceTable, scenario: Scenario) -> Violations:
     robot = scenario.soft_robot
     yield from _unknown_rings(group.rings, scenario, "rings")
     rings = _expanded(group.rings, robot)
@@ -377,137 +379,19 @@ def _nodes_are_there(group: SupportTable | ForceTable, scenario: Scenario) -> To
         yield "corners", f"{corner} does not exist; corners 0 to {sides - 1} do"
 
 
-@final
-@dataclass(frozen=True)
-class GasRule:
-    """How the gas of a chamber is given in a phase.
-
-    Args:
-        sealed: whether its amount is, instead of its pressure.
-        leak_kg_s_Pa: mass lost per second and pascal of gauge pressure.
-    """
-
-    sealed: bool = False
-    leak_kg_s_Pa: float = 0.0
-
-
-def gas_rules(scenario: Scenario) -> tuple[tuple[GasRule, ...], ...]:
-    """Return the rule in force in every phase for each chamber; what a phase omits stays as it was.
-
-    Raises:
-        ScenarioError: a phase names a chamber that does not exist, or gives too few or too many values.
-    """
-    names = scenario.soft_robot.chamber_names()
-    kinds: tuple[str, ...] = ("prescribed",) * len(names)
-    leaks, rules = (0.0,) * len(names), []
-    for phase in scenario.phases:
-        path = f"phase.{phase.name}"
-        kinds = values_after(kinds, phase.gas, names, f"{path}.gas")
-        leaks = values_after(leaks, phase.leak_kg_s_Pa, names, f"{path}.leak_kg_s_Pa")
-        leaks = tuple(leak if kind == "sealed" else 0.0 for leak, kind in zip(leaks, kinds, strict=True))
-        pairs = zip(kinds, leaks, strict=True)
-        rules.append(tuple(GasRule(kind == "sealed", leak) for kind, leak in pairs))
-    return tuple(rules)
-
-
-def _gas_in(phase: PhaseTable, scenario: Scenario) -> tuple[GasRule, ...]:
-    pairs = zip(scenario.phases, gas_rules(scenario), strict=True)
-    return next(own for each, own in pairs if each is phase)
-
-
-def gas_report(scenario: Scenario) -> str:
-    """Return in words how the gas is modelled."""
-    rules, names = gas_rules(scenario), scenario.soft_robot.chamber_names()
-    pairs = zip(scenario.phases, rules, strict=True)
-    phases = [phase.name for phase, own in pairs if any(rule.sealed for rule in own)]
-    chambers = f"{len(names)} chambers ({', '.join(names)}), " if len(names) > 1 else ""
-    if not phases:
-        return chambers + "at a given pressure"
-    text = f"{chambers}sealed in {', '.join(phases)}: p V^{scenario.gas.exponent:g} stays"
-    leaks = max(rule.leak_kg_s_Pa for own in rules for rule in own)
-    orifices = len(scenario.gas.orifices)
-    text += f", {orifices} orifice{'s' * (orifices > 1)}" if orifices else ""
-    return text + (f", leak up to {leaks:g} kg/(s Pa)" if leaks else "")
+@rule
+def _friction_is_between_known_bodies(pair: FrictionPairTable, scenario: Scenario) -> Violations:
+    palm = () if scenario.soft_robot.palm is None else ("palm",)
+    around = [each.name for each in scenario.objects] + [wire.name for wire in scenario.wires]
+    names = ("film", "floor", *palm, *around)
+    for name in [name for name in pair.between if name not in names][:1]:
+        yield "between", unknown_name_message("body", name, names)
+    if pair.between == ("film", "film"):
+        yield "between", "of film on film, set contact.self_friction"
 
 
 @rule
-def _every_chamber_has_a_value(table: PhaseTable | StartTable, scenario: Scenario) -> Told:
-    names = scenario.soft_robot.chamber_names()
-    for key in ("gas", "leak_kg_s_Pa", "pressure_Pa"):
-        try:
-            given_values(getattr(table, key, None), names, key)
-        except ScenarioError as error:
-            yield from error.faults
-
-
-@rule
-def _gas_is_given_where_it_is_not_sealed(scenario: Scenario) -> Told:
-    names, rules = scenario.soft_robot.chamber_names(), gas_rules(scenario)
-    pressures = values_after((0.0,) * len(names), scenario.start.pressure_Pa, names, "start.pressure_Pa")
-    before = (GasRule(),) * len(names)
-    for phase, own in zip(scenario.phases, rules, strict=True):
-        given = given_values(phase.pressure_Pa, names, f"phase.{phase.name}.pressure_Pa")
-        for was, now, wanted, pressure in zip(before, own, given, pressures, strict=True):
-            for key, message in _gas_told(was, now, wanted, pressure, phase, scenario):
-                yield f"phase.{phase.name}.{key}", message
-        before = own
-        pressures = values_after(pressures, phase.pressure_Pa, names, "")
-
-
-def _gas_told(
-    was: GasRule, now: GasRule, wanted: float | None, before_Pa: float, phase: PhaseTable, scenario: Scenario
-) -> Told:
-    """Yield what is wrong with the gas of one chamber in one phase."""
-    if not now.sealed:
-        if was.sealed and wanted is None:
-            yield (
-                "pressure_Pa",
-                "is missing: the phase before is sealed, so it has no pressure that could be kept",
-            )
-        return
-    ambient_Pa = scenario.gas.ambient_Pa
-    if not scenario.model.closed:
-        yield "gas", "'sealed' needs model.closed = true; open ends hold no gas"
-    if wanted is not None:
-        yield Fault(
-            "pressure_Pa",
-            "cannot be combined with a sealed gas, whose pressure follows from the volume; set it in a phase "
-            "before, or open the chamber with gas = 'prescribed'",
-        )
-    if not was.sealed and not before_Pa + ambient_Pa > 0.0:
-        yield Fault(
-            "gas",
-            f"seals {before_Pa:g} Pa at an ambient_Pa of {ambient_Pa:g}; "
-            "their sum, the absolute pressure, must be above 0",
-        )
-    if phase.tip_key is not None and now.leak_kg_s_Pa:
-        yield Fault(
-            phase.tip_key,
-            f"cannot be combined with a leak ({now.leak_kg_s_Pa:g} kg/(s Pa)), which takes the tip off its "
-            "target; give leak_kg_s_Pa = 0",
-        )
-    elif phase.tip_key is not None and scenario.gas.orifices:
-        yield phase.tip_key, "cannot be combined with an orifice, through which gas flows on at the target"
-
-
-@rule
-def _a_sealed_gas_leaks(phase: PhaseTable, scenario: Scenario) -> Told:
-    """A leak is given to sealed chambers; one number for all needs one of them to be sealed."""
-    names, setting = scenario.soft_robot.chamber_names(), phase.leak_kg_s_Pa
-    if setting is None:
-        return
-    rules = _gas_in(phase, scenario)
-    leaks = given_values(setting, names, f"phase.{phase.name}.leak_kg_s_Pa")
-    single = not isinstance(setting, tuple | Mapping) and any(entry.sealed for entry in rules)
-    for name, entry, leak in zip(names, rules, leaks, strict=True):
-        if leak is not None and not entry.sealed and not single:
-            where = f" in {name}" if len(names) > 1 else ""
-            yield "leak_kg_s_Pa", f"needs gas = 'sealed'; here the pressure is given{where}"
-            return
-
-
-@rule
-def _devices_have_time(scenario: Scenario) -> Told:
+def _devices_have_time(scenario: Scenario) -> Violations:
     if scenario.mode == "dynamic":
         return
     names = [f"pump.{entry.name}" for entry in scenario.pumps]
@@ -519,8 +403,8 @@ def _devices_have_time(scenario: Scenario) -> Told:
 
 
 @rule
-def _commands_stand_alone(scenario: Scenario) -> Told:
-    """Sources of commands stand beside nothing that they would make untrue."""
+def _commands_stand_alone(scenario: Scenario) -> Violations:
+    """Command sources are not combined with devices, cable lengths or tip targets, which they would falsify."""
     if not scenario.commands:
         return
     lengths = any(phase.commands_lengths for phase in scenario.phases)
@@ -535,8 +419,8 @@ def _commands_stand_alone(scenario: Scenario) -> Told:
 
 
 @rule
-def _targets_come_before_what_acts(scenario: Scenario) -> Told:
-    """No tip target comes after what the run alone can know."""
+def _targets_come_before_what_acts(scenario: Scenario) -> Violations:
+    """A tip target is planned before the run, so no device may change the soft robot before it."""
     moved, pumped = False, False
     followers = {entry.name for entry in scenario.controllers if entry.follows_tip}
     for phase in scenario.phases:
@@ -553,14 +437,14 @@ def _targets_come_before_what_acts(scenario: Scenario) -> Told:
 
 
 @rule
-def _lengths_are_of_cables(phase: PhaseTable, scenario: Scenario) -> Told:
+def _lengths_are_of_cables(phase: PhaseTable, scenario: Scenario) -> Violations:
     yield from unknown_cables(phase.cable_length_m or (), scenario, "cable_length_m")
     yield from unknown_cables(phase.cable_shortening_m or (), scenario, "cable_shortening_m")
 
 
 @rule
-def _a_rigid_one_has_no_lengths(phase: PhaseTable, scenario: Scenario) -> Told:
-    """Cables are commanded by length only where the soft robot's model knows lengths."""
+def _a_rigid_one_has_no_lengths(phase: PhaseTable, scenario: Scenario) -> Violations:
+    """With fidelity = "rigid" no cable is commanded by length: its route does not change."""
     if scenario.fidelity != "rigid":
         return
     by_length = {entry.name for entry in scenario.controllers if entry.commands == "cable_shortening_m"}
@@ -575,19 +459,4 @@ def _a_rigid_one_has_no_lengths(phase: PhaseTable, scenario: Scenario) -> Told:
             return
 
 
-@rule
-def _pumps_act_on_sealed_gas(phase: PhaseTable, scenario: Scenario) -> Told:
-    chambers = scenario.soft_robot.chamber_names()
-    pumps = {pump.name: pump for pump in scenario.pumps}
-    for name in phase.pump_pressure_Pa or {}:
-        if name not in pumps:
-            yield f"pump_pressure_Pa.{name}", unknown_name_message("pump", name, tuple(pumps))
-            continue
-        chamber = pumps[name].chamber or chambers[0]
-        if chamber in chambers and not _gas_in(phase, scenario)[chambers.index(chamber)].sealed:
-            yield Fault(
-                f"pump_pressure_Pa.{name}", "needs gas = 'sealed': a pump changes the amount of a trapped gas"
-            )
-
-
-_RULES: Final = (*rules_of(globals()), *device_rules.DEVICE_RULES)
+_RULES: Final = (*rules_of(globals()), *gas_rules.GAS_RULES, *device_rules.DEVICE_RULES)

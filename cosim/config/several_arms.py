@@ -1,6 +1,5 @@
-"""Reads scenarios with several arms: the keys of each `[[arm]]`, next to those that all arms share.
-
-Each arm with the shared keys is a scenario of one arm, so every key means what it means there.
+"""Loads scenarios with several arms: `[[arm]]` tables next to the keys that all arms share. An arm's keys
+with the shared ones make a scenario of one arm, so every key has the same meaning as there.
 """
 
 import re
@@ -25,7 +24,7 @@ OF_AN_ARM: Final = (
     "robot", "arm_base", "soft_robot", "start", "phase", "fidelity", "payload_compensation", "solver",
     "model", "gas", "pump", "winch", "controller", "sensor", "command",
 )  # fmt: skip
-"""Keys of a scenario that each arm may give; those above the arms are of all, an arm's own are on top."""
+"""Keys of a scenario that each arm may give. A key above the arms applies to all; an arm's key overrides it."""
 _NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
 _HEADER: Final = (
     "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
@@ -40,7 +39,7 @@ class ArmsScenario:
     Args:
         name: of the scenario.
         title: one line for people.
-        arms: the scenario of each arm, by its name; all last as long, and are alike in what arms share.
+        arms: the scenario of each arm by its name; they have equal durations and equal shared keys.
     """
 
     name: str
@@ -48,7 +47,7 @@ class ArmsScenario:
     arms: Mapping[str, Scenario]
 
     def text(self) -> str:
-        """Return it as TOML text, which loads to the same."""
+        """Return it as TOML text that loads to an equal scenario."""
         tables = {name: to_table(scenario) for name, scenario in self.arms.items()}
         shared = {key: value for key, value in next(iter(tables.values())).items() if key not in OF_AN_ARM}
         arms = [
@@ -91,11 +90,11 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
     for name in {key.split(".")[1] for key in changes if key.startswith(f"{ARMS}.")} - entries.keys():
         faults.add(f"{ARMS}.{name}", f"no such arm; there are: {', '.join(entries)}")
     for name, entry in entries.items():
-        own = {key: value for key, value in entry.items() if key != "name"}
+        given = {key: value for key, value in entry.items() if key != "name"}
         changed = _changes_of(name, changes)
         with faults, of_arm(name):
-            _check_keys(name, [*own, *changed])
-            merged = reading.merge(deepcopy(table), deepcopy(own))
+            _check_keys(name, [*given, *changed])
+            merged = reading.merge(deepcopy(table), deepcopy(given))
             for key, text in (("name", f"_{name}"), ("title", f": {name}")):
                 if isinstance(table.get(key), str):
                     merged[key] = table[key] + text
@@ -106,15 +105,15 @@ def load_arms(source: str | Path, overrides: Mapping[str, Any] | None = None) ->
                 raise ScenarioError(
                     f"{ARMS}.{name}", "is the name of something else in the scene; rename one"
                 )
-    faults.tell()
-    return ArmsScenario(str(table["name"]), str(table["title"]), _lasting_alike(found))
+    faults.raise_all()
+    return ArmsScenario(str(table["name"]), str(table["title"]), _with_equal_durations(found))
 
 
 def _entries(given: Any) -> dict[str, dict[str, Any]]:
     """Return the tables of arms by their names.
 
     Raises:
-        ScenarioError: they are not two or more, each with a name that no other has.
+        ScenarioError: there are fewer than two, or names are missing or not unique.
     """
     entries = given if isinstance(given, list) and all(isinstance(each, dict) for each in given) else []
     if len(entries) < 2:
@@ -130,14 +129,18 @@ def _entries(given: Any) -> dict[str, dict[str, Any]]:
             faults.add(key, f"{name!r} is the name of another arm; give each arm its own")
         else:
             found[name] = entry
-    faults.tell()
+    faults.raise_all()
     return found
 
 
-def _check_keys(name: str, own: Sequence[str]) -> None:
-    """Check that an arm gives no key that all arms share, and none that does not exist."""
+def _check_keys(name: str, given: Sequence[str]) -> None:
+    """Check that the keys of an arm exist and are not among those that all arms share.
+
+    Raises:
+        ScenarioError: one is wrong.
+    """
     known, faults = {keys.key_of(entry) for entry in fields(Scenario)}, Faults()
-    for key in own:
+    for key in given:
         head = key.partition(".")[0]
         if head in known.difference(OF_AN_ARM):
             text = (
@@ -146,24 +149,24 @@ def _check_keys(name: str, own: Sequence[str]) -> None:
             faults.add(f"{ARMS}.{name}.{key}", text)
         elif head not in OF_AN_ARM:
             faults.add(f"{ARMS}.{name}.{head}", keys.unknown_key_message(head, OF_AN_ARM))
-    faults.tell()
+    faults.raise_all()
 
 
 def _changes_of(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the overrides of one arm alone."""
+    """Return the overrides of one arm, without the arm's name in their keys."""
     prefix = f"{ARMS}.{name}."
     return {key.removeprefix(prefix): value for key, value in changes.items() if key.startswith(prefix)}
 
 
 @contextmanager
 def of_arm(name: str) -> Iterator[None]:
-    """Name the keys of a file of several arms, where a refusal names those of one arm's scenario.
+    """Add the arm's name to the keys of a ScenarioError that is raised within.
 
     Args:
         name: of the arm.
 
     Raises:
-        ScenarioError: in place of another one.
+        ScenarioError: with keys such as "arm.NAME.phase.lift".
     """
     try:
         yield
@@ -176,17 +179,17 @@ def of_arm(name: str) -> Iterator[None]:
 
 
 def _check(scenario: Scenario) -> None:
-    """Check that a scenario asks for nothing that several arms in a scene cannot do.
+    """Check that several arms in a scene support the settings of a scenario.
 
     Raises:
-        ScenarioError: it does.
+        ScenarioError: they do not.
     """
-    faults = list(_beyond(scenario))
+    faults = list(_unsupported(scenario))
     if faults:
         raise ScenarioError(*faults[0], further=tuple(faults[1:]))
 
 
-def _beyond(scenario: Scenario) -> Iterator[tuple[str, str]]:
+def _unsupported(scenario: Scenario) -> Iterator[tuple[str, str]]:
     if scenario.mode != "dynamic":
         yield "mode", "several arms need 'dynamic'; for equilibria, run a scenario of each arm alone"
     if scenario.coupling.scheme != "staggered":
@@ -202,8 +205,8 @@ def _beyond(scenario: Scenario) -> Iterator[tuple[str, str]]:
             yield f"controller.{entry.name}.kind", "several arms need 'bang_bang' or 'pi'"
 
 
-def _lasting_alike(arms: Mapping[str, Scenario]) -> dict[str, Scenario]:
-    """Return scenarios that last as long as the longest: the others hold what they have come to."""
+def _with_equal_durations(arms: Mapping[str, Scenario]) -> dict[str, Scenario]:
+    """Return scenarios that last as long as the longest: the others settle longer in their last phase."""
     ticks = {name: sum(one.ticks(each) for each in one.phases) for name, one in arms.items()}
     most, found = max(ticks.values()), dict[str, Scenario]()
     for name, scenario in arms.items():

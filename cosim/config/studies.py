@@ -1,6 +1,5 @@
-"""Study files: one scenario, what is varied in it, spelled out by key path.
-
-Schema of a study: one scenario, and what is varied in it.
+"""Tables of study files (`cosim sweep`): a scenario and the values that vary in it by key path, and the list
+of designs that follow from them.
 """
 
 import math
@@ -22,17 +21,19 @@ from cosim.config.toml.rules import Faults
 from cosim.config.toml.tables import Table
 from cosim.errors import InputError, ScenarioError
 
+MOST_DESIGNS: Final = 1_000_000
+
 
 @final
 @dataclass(frozen=True)
 class RangeTable(Table):
-    """A range that samples are taken from.
+    """A range of samples.
 
     Args:
-        low: its lower end.
-        high: its upper end, above it.
-        scale: whether samples are even in the value or in its logarithm.
-        integer: whether whole numbers are taken, both ends included.
+        low: lower end.
+        high: upper end, above low.
+        scale: "linear": samples are spread evenly in the value; "log": in its logarithm.
+        integer: whether samples are whole numbers, both ends included.
     """
 
     low: Number
@@ -47,10 +48,10 @@ class SamplesTable(Table):
     """Samples that fill a box evenly (scipy.stats.qmc).
 
     Args:
-        count: of samples.
+        count: number of samples.
         range: by key path: [low, high], or a table of low, high, scale ("linear" or "log") and integer.
-        method: of sampling; Sobol's is balanced where the count is a power of 2.
-        seed: the same one gives the same samples.
+        method: of sampling; Sobol's is balanced if the count is a power of 2.
+        seed: of the samples; equal seeds give equal samples.
     """
 
     count: Count
@@ -65,13 +66,13 @@ class StudyTable(Table):
     """A study: every entry of `design`, with every combination of `grid`, with every one of `samples`.
 
     Args:
-        scenario: name of one that comes with cosim, or path of a .toml file, seen from the study's file.
+        scenario: name of one that comes with cosim, or path of a .toml file, from the study's folder.
         set: values by key path, in all designs.
         grid: lists of values by key path; every combination is a design.
         design: tables of values by key path, one for each design.
         samples: of ranges of values.
-        figures: columns of the table beside the varied keys, such as "sag_m", at the end of the run, or
-            "phases.inflate.volume_m3"; omitted: all of the run and of its end.
+        figures: columns of the table in addition to the varied keys, such as "sag_m", at the end of the run,
+            or "phases.inflate.volume_m3"; omitted: all of the run and of its end.
         measure: function that returns more columns of a run: "module:function" or "file.py:function".
         keep_runs: whether the directory of every run is kept, with its arrays.
     """
@@ -87,12 +88,12 @@ class StudyTable(Table):
 
 
 def is_study(table: Mapping[str, Any]) -> bool:
-    """Return whether a file's tables are those of a study: whether something is varied in it."""
+    """Return whether a file's tables describe a study: whether a value varies in it."""
     return "scenario" in table and bool({"grid", "design", "samples"} & table.keys())
 
 
 def is_search(table: Mapping[str, Any]) -> bool:
-    """Return whether a file's tables are those of `cosim identify` or `cosim design`."""
+    """Return whether a file's tables describe a bench or a design study."""
     return "scenario" in table and bool({"parameter", "series", "case", "goal"} & table.keys())
 
 
@@ -100,7 +101,7 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
     """Return a checked study; its tables have an entry for each key path, ranges are `RangeTable`.
 
     Args:
-        source: path of a .toml file, or the table itself; paths in it are seen from there.
+        source: path of a .toml file, or its table; paths in it start from the file's folder.
 
     Raises:
         InputError: there is no such file.
@@ -115,11 +116,11 @@ def load_study(source: str | Path | Mapping[str, Any]) -> StudyTable:
             raise InputError(f"no study {str(source)!r}; give the path of a .toml file")
         table, folder = reading.read_table(path), path.parent
     study = parsing.parse(StudyTable, table, "", faults)
-    faults.tell()
+    faults.raise_all()
     study = _with_key_paths(study, faults)
     _check(study, faults)
-    faults.tell()
-    return _seen_from(study, folder)
+    faults.raise_all()
+    return _with_paths_from(study, folder)
 
 
 def _with_key_paths(study: StudyTable, faults: Faults) -> StudyTable:
@@ -175,7 +176,7 @@ def _range(key: str, value: Any, faults: Faults) -> RangeTable:
 
 
 def _check(study: StudyTable, faults: Faults) -> None:
-    """Note keys that two parts of a study set, and a study that varies nothing."""
+    """Report keys that two parts of a study set, and a study that varies nothing."""
     sampled = study.samples.range if study.samples is not None else {}
     designs = {key for design in study.design for key in design}
     parts = {"set": study.set, "grid": study.grid, "design": designs, "samples.range": sampled}
@@ -183,38 +184,35 @@ def _check(study: StudyTable, faults: Faults) -> None:
     for part, keys in parts.items():
         for key in keys:
             if key in owner:
-                faults.add(f"{part}.{key}", f"is in {owner[key]} as well; leave it in one of them")
+                faults.add(f"{part}.{key}", f"is in {owner[key]} as well; remove it from one of them")
             owner.setdefault(key, part)
     if not (study.grid or study.design or sampled):
         faults.add("", "nothing is varied; give [grid], [[design]] or [samples]")
 
 
-def _seen_from(study: StudyTable, folder: Path) -> StudyTable:
-    """Return the study with its own paths files seen from the working directory."""
+def _with_paths_from(study: StudyTable, folder: Path) -> StudyTable:
+    """Return the study with paths that start from the working directory instead of the study's folder."""
     changes: dict[str, Any] = {}
     if study.scenario not in list_scenarios():
         changes["scenario"] = str(folder / study.scenario)
     if study.measure is not None and study.measure.partition(":")[0].endswith(".py"):
         changes["measure"] = str((folder / study.measure).resolve())
-    changes["set"] = _beside(study.set, folder)
-    changes["design"] = tuple(_beside(design, folder) for design in study.design)
+    changes["set"] = _with_robot_paths(study.set, folder)
+    changes["design"] = tuple(_with_robot_paths(design, folder) for design in study.design)
     changes["grid"] = {
-        key: [_file_beside(key, value, folder) for value in values] for key, values in study.grid.items()
+        key: [_with_robot_path(key, value, folder) for value in values] for key, values in study.grid.items()
     }
     return replace(study, **changes)
 
 
-def _beside(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    return {key: _file_beside(key, value, folder) for key, value in values.items()}
+def _with_robot_paths(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {key: _with_robot_path(key, value, folder) for key, value in values.items()}
 
 
-def _file_beside(key: str, value: Any, folder: Path) -> Any:
-    """Return a value; a robot's file in the study's folder is seen from the working directory."""
+def _with_robot_path(key: str, value: Any, folder: Path) -> Any:
+    """Return a value; the path of a robot's file in the study's folder gets that folder in front."""
     named = key in {"soft_robot", "robot"} and isinstance(value, str) and value.endswith(".toml")
     return str(folder / value) if named and is_file(folder / value) else value
-
-
-MOST_DESIGNS: Final = 1_000_000
 
 
 def varied_keys(study: StudyTable) -> list[str]:
@@ -224,10 +222,12 @@ def varied_keys(study: StudyTable) -> list[str]:
 
 
 def designs_of(study: StudyTable) -> list[dict[str, Any]]:
-    """Return what each design sets beside `set`; samples vary fastest, entries of `design` slowest.
+    """Return the values by key path of each design, without those of `set`.
+
+    Samples vary fastest, entries of `design` slowest.
 
     Raises:
-        InputError: there are too many.
+        InputError: there are more than `MOST_DESIGNS`.
     """
     listed = list(study.design) or [{}]
     count = len(listed) * math.prod(map(len, study.grid.values()))
@@ -242,11 +242,11 @@ def designs_of(study: StudyTable) -> list[dict[str, Any]]:
 def _samples(table: SamplesTable | None) -> list[dict[str, Any]]:
     if table is None:
         return [{}]
-    from scipy.stats import qmc  # here: it takes long to load
+    from scipy.stats import qmc  # imported here because it takes long to load
 
     engines = {"latin_hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol, "halton": qmc.Halton}
     engine = engines[table.method](len(table.range), rng=table.seed)
-    with warnings.catch_warnings():  # counts that are no power of 2 are as balanced as they can be
+    with warnings.catch_warnings():  # scipy warns of counts that are not a power of 2
         warnings.simplefilter("ignore", UserWarning)
         points: Array = engine.random(table.count)
     columns = [list(_scaled(points[:, k], entry)) for k, entry in enumerate(table.range.values())]
@@ -254,7 +254,7 @@ def _samples(table: SamplesTable | None) -> list[dict[str, Any]]:
 
 
 def _scaled(points: Array, entry: RangeTable) -> Iterator[float | int]:
-    """Yield points of 0 to 1 as values of a range."""
+    """Yield the values of a range at points (n,) from 0 to 1."""
     low, high = entry.low, entry.high + (1.0 if entry.integer else 0.0)
     values = low * (high / low) ** points if entry.scale == "log" else low + (high - low) * points
     if entry.integer:

@@ -1,4 +1,6 @@
-"""Rewrites older scenario and robot files: keys are renamed or dropped, all else stays."""
+"""Rewrites scenario and robot files of the previous schema number (`cosim upgrade`): it renames or drops old
+keys, and leaves the rest of the text unchanged.
+"""
 
 import os
 import re
@@ -14,7 +16,7 @@ from cosim.config.toml import old_keys, reading
 from cosim.errors import ScenarioError
 
 _BEFORE: Final = old_keys.SCHEMA - 1
-_WRITABLE: Final = 0o222  # by anybody: root may write to all files, and is not meant to
+_WRITABLE: Final = 0o222  # by anybody; os.access alone would let root rewrite a read-only file
 _CARRIED: Final = ("attach", "robot")
 _OLD: Final = {"schema", *(path[-1] for path in old_keys.DROPPED), *chain(*old_keys.RENAMED.values())}
 _WORD: Final = re.compile(rf"""(?<![\w-])(["']?)({"|".join(sorted(_OLD))})\1(?![\w-])""")
@@ -22,13 +24,13 @@ _NUMBER: Final = re.compile(r"[ \t]*=[ \t]*([\w+]+)")
 
 
 def upgrade_file(path: Path) -> int:
-    """Rewrite a file in place and return how many keys and numbers were changed; 0 leaves it untouched.
+    """Rewrite a file in place and return the number of changed keys and values; with 0 it is unchanged.
 
     Args:
-        path: of the file; of a symbolic link, the file that it leads to is rewritten.
+        path: of the file; of a symbolic link, its target is rewritten.
 
     Raises:
-        ScenarioError: it is not TOML, is read-only, or has an old key beside the new one.
+        ScenarioError: it is not TOML, is read-only, or has both an old key and the new one.
         OutputError: it cannot be written.
     """
     reading.read_table(path)
@@ -48,10 +50,10 @@ def upgrade_file(path: Path) -> int:
 
 
 def upgraded(text: str) -> tuple[str, int]:
-    """Return a file's text with its keys renamed or dropped, and how many keys and numbers were changed.
+    """Return a file's text with its keys renamed or dropped, and the number of changed keys and values.
 
     Raises:
-        ValueError: a table has an old key beside the new one, or a key to be dropped is not on its own line.
+        ValueError: a table has both an old key and the new one, or a dropped key is not alone on its line.
     """
     table = _loaded(text)
     scenario = is_scenario(table)
@@ -68,15 +70,15 @@ def upgraded(text: str) -> tuple[str, int]:
     made = text
     for start, end, new in reversed(changes):
         made = made[:start] + new + made[end:]
-    if _told(_loaded(made)) != _told(_renamed(table, (), scenario)):
+    if _content(_loaded(made)) != _content(_renamed(table, (), scenario)):
         raise ValueError("more than keys would change")
     return made, len(changes)
 
 
 def _old_keys(text: str) -> list[tuple[tuple[str, ...], Any, re.Match[str]]]:
-    """Return where words of `_WORD` are keys: path, value, and place; entries of lists are not in paths.
+    """Return the words of `_WORD` that are keys: path (without list indices), value, and match in the text.
 
-    Each such word of the text gets a number, so that the parser itself says which of them are keys.
+    Each word of the text gets a number, so that the TOML parser itself decides which of them are keys.
     """
     words = {f"{word[2]}-{at}-numbered": word for at, word in enumerate(_WORD.finditer(text))}
     names = iter(words)
@@ -86,29 +88,33 @@ def _old_keys(text: str) -> list[tuple[tuple[str, ...], Any, re.Match[str]]]:
         for entry in value if isinstance(value, list) else ():
             yield from found(entry, path)
         for key, item in value.items() if isinstance(value, Mapping) else ():
-            here = (*path, words[key][2] if key in words else key)
+            inner = (*path, words[key][2] if key in words else key)
             if key in words:
-                yield here, item, words[key]
-            yield from found(item, here)
+                yield inner, item, words[key]
+            yield from found(item, inner)
 
     return sorted(found(numbered, ()), key=lambda one: one[2].start())
 
 
-def _told(table: Mapping[str, Any]) -> str:
-    """Return what a file tells; a table without keys, as may be left of one, tells nothing."""
+def _content(table: Mapping[str, Any]) -> str:
+    """Return the content of a file for comparison, without empty tables, which dropped keys may leave."""
     return repr({key: value for key, value in table.items() if value != {}})
 
 
 def _line_of(text: str, word: re.Match[str]) -> tuple[int, int]:
-    """Return where the line of a key begins and ends; the key has it alone."""
+    """Return begin and end of the line of a key.
+
+    Raises:
+        ValueError: the key is not alone on its line.
+    """
     begin, newline = text.rfind("\n", 0, word.start()) + 1, text.find("\n", word.end())
     if {"{", "["} & set(text[begin : word.start()]):
-        raise ValueError(f"'{word[2]}' is no more, and not alone on its line")
+        raise ValueError(f"'{word[2]}' was removed, and is not alone on its line")
     return begin, len(text) if newline < 0 else newline + 1
 
 
 def _kind_of(table: tuple[str, ...], scenario: bool) -> str:
-    """Return the class of a table at a path; empty for those without old keys."""
+    """Return the name of the class of the table at a path; empty for tables without old keys."""
     if scenario:
         if not table:
             return "Scenario"
@@ -121,7 +127,7 @@ def _kind_of(table: tuple[str, ...], scenario: bool) -> str:
 
 
 def _renamed(value: Any, path: tuple[str, ...], scenario: bool) -> Any:
-    """Return tables as they are with new keys, made from the tables and not from the text."""
+    """Return the tables with new keys, computed from the tables to verify the changed text."""
     if isinstance(value, list):
         return [_renamed(item, path, scenario) for item in value]
     if not isinstance(value, Mapping):

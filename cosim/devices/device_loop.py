@@ -18,7 +18,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.scenario import ControllerTable, Scenario, WinchTable
+from cosim.config.schema.devices import ControllerTable, WinchTable
+from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import command_source, sensor
 from cosim.devices.command_source import CommandsAhead, FlangeOffset, RobotState, StepToTake, measured_cables

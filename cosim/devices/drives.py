@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias, final
 
 from cosim.base.frames import Array
-from cosim.config.schema.scenario import PumpTable, WinchTable
+from cosim.config.schema.devices import PumpTable, WinchTable
 from cosim.errors import InputError
 from cosim.plan.plan import PhasePlan
 from cosim.soft.elements.cable import Cable, base_tension, step_spring, stretch_at

@@ -17,8 +17,8 @@ import numpy as np
 
 from cosim.base.columns import RunColumns
 from cosim.base.frames import Array, Wrench, read_only
-from cosim.config.schema.objects import SensorTable
 from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.sensors import SensorTable
 from cosim.devices import controller, device_report
 from cosim.errors import InputError, ScenarioError
 

@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.base.solid import LinkContact, Solid
-from cosim.config.schema.scenario import PlanTable
+from cosim.config.schema.settings import PlanTable
 from cosim.coupling.soft_sides.soft_side import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.arm_limits import Nearest, PathClearances, Touch, nearer, with_touches

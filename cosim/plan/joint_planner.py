@@ -131,7 +131,7 @@ def led_joints(arm: Arm, start: StartTable, phases: Sequence[PhaseTable]) -> tup
         if free < min(_NEEDED, arm.joint_count):
             faults.add(where, f"leaves {free} joints to follow the flange; at least {_NEEDED} are needed")
         rows.append(row)
-    faults.tell()
+    faults.raise_all()
     return tuple(rows)
 
 

@@ -372,7 +372,7 @@ def cell_motion(
                 faults.add(*_out_of_range(phase, joint, places[k]))
                 beyond.add(joint.name)
         rows.append(tuple(row))
-    faults.tell()
+    faults.raise_all()
     return CellMotion(tuple(rows))
 
 

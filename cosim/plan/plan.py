@@ -14,9 +14,9 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.state import check_indices
-from cosim.config.rules import GasRule
+from cosim.config.gas_rules import GasRule
 from cosim.config.schema.phase import PhaseTable
-from cosim.config.schema.scenario import GasTable
+from cosim.config.schema.settings import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.plan.motion import JointPath, JointReference, PlannedTipPath, Progress, progress
 from cosim.soft.body.loads import Loads, between, force_between

@@ -16,15 +16,9 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
-from cosim.config.rules import gas_rules
-from cosim.config.schema.phase import (
-    ForceTable,
-    PhaseTable,
-    StartTable,
-    SupportTable,
-    TipTargetTable,
-    values_after,
-)
+from cosim.config.gas_rules import gas_rules
+from cosim.config.schema.named_values import values_after
+from cosim.config.schema.phase import ForceTable, PhaseTable, StartTable, SupportTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import matching
 from cosim.coupling.soft_sides.soft_side import SoftSide

@@ -31,7 +31,7 @@ from cosim.base import resources
 from cosim.base.files import changed_file, files_read
 from cosim.base.kept_parts import KeptParts, code_identity, content_name
 from cosim.base.state import check_state
-from cosim.config import loading, studies
+from cosim.config import loading, plugins, studies
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.results.result import ResultBuilder
@@ -106,9 +106,9 @@ def _kept_here() -> KeptParts:
 
 @cache
 def _make_known(modules: tuple[str, ...]) -> None:
-    loading.register_installed()
+    plugins.register_installed()
     for name in modules:
-        loading.register_module(name)
+        plugins.register_module(name)
 
 
 @final

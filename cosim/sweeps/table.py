@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, final
 
 from cosim.base.files import whole_file
 from cosim.base.resources import is_file, writing
-from cosim.config.loading import module_of_file
+from cosim.config.plugins import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import InputError

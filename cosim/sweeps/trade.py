@@ -25,7 +25,8 @@ from cosim.app.run_files import RECORDING, SCENARIO, OutputDirectory
 from cosim.base.frames import Array, Pose
 from cosim.config import loading, studies
 from cosim.config.schema.phase import FlangePoseTable
-from cosim.config.schema.scenario import RecordingTable, Scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.settings import RecordingTable
 from cosim.errors import CosimError, ScenarioError
 from cosim.plan.motion import rotation_from_direction
 from cosim.recording.recorder import RecordingPart

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, rotation_from_quaternion
-from cosim.config.schema.objects import CameraTable
+from cosim.config.schema.sensors import CameraTable
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch

@@ -20,9 +20,9 @@ from cosim.base.resources import scenario_path
 from cosim.build.arms import find_arm
 from cosim.build.simulation import build_arms
 from cosim.cli.main import EXIT_DONE, EXIT_INPUT, EXIT_INTERRUPTED, main
-from cosim.config.loading import register_module
+from cosim.config.plugins import register_module
+from cosim.config.schema.body_sources import BodySourceTable
 from cosim.config.schema.phase import CommandTable
-from cosim.config.schema.soft_robot import BodySourceTable
 from cosim.config.several_arms import load_arms
 from cosim.config.toml.tables import adapter_of
 from cosim.soft.geometry.named_mesh import NamedMesh

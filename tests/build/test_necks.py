@@ -11,9 +11,10 @@ import pytest
 from cosim.base.frames import Array, IntArray
 from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario
-from cosim.config.schema.film import FilmTable, NeckTable, StackTable
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.film import FilmTable
+from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import HingeTable, MassTable, SoftRobotTable, StiffenerTable
+from cosim.config.schema.stack import NeckTable, StackTable
 from cosim.errors import ScenarioError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.hinge import shell_stiffness

@@ -11,9 +11,9 @@ from cosim.base.kept_parts import content_name
 from cosim.base.resources import scenario_path
 from cosim.build.soft_body import build_soft_body, published_robot
 from cosim.config.loading import load_scenario, load_soft_robot
-from cosim.config.schema.film import NeckTable
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable
+from cosim.config.schema.stack import NeckTable
 from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody, stored_energy
 from cosim.soft.body.loads import Loads

@@ -12,7 +12,7 @@ import pytest
 
 import cosim
 from cosim.cli.main import main
-from cosim.config.loading import GROUP
+from cosim.config.plugins import GROUP
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.soft_robot import ElementTable
 from cosim.config.toml import quantities
@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_a_module_is_imported_for_a_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = str(folder / "swing.toml")
     assert main(["check", file]) == 2
-    assert "kind 'sine' is not known; there are: none; make it known by --import" in capsys.readouterr().out
+    assert "kind 'sine' is not known; there are: none; register it with --import" in capsys.readouterr().out
     assert main(["check", file, "--import", str(folder / "own_sine.py")]) == 0
     assert main(["schema", "--import", "tests.devices.sine_commands"]) == 2
     assert "kind 'sine' is that of own_sine.SineTable" in capsys.readouterr().err

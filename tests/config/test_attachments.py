@@ -12,7 +12,7 @@ from cosim.build.options import fidelity_body
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, load_soft_robot, scenario_text
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.errors import ScenarioError
 from cosim.plan.clearance import film_reach
 

@@ -11,7 +11,7 @@ import cosim
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, to_table
-from cosim.config.schema.scenario import GasTable, ModelTable
+from cosim.config.schema.settings import GasTable, ModelTable
 from cosim.errors import ScenarioError
 from cosim.results.result import RunResult
 

@@ -41,7 +41,7 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES)
 def test_a_model_is_found(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match=f"{NOWHERE}.*none is there.*prefetch acme_six"):
+    with pytest.raises(InputError, match=f"{NOWHERE}.*no model found.*prefetch acme_six"):
         find_arm("menagerie:acme_six")
     where, variable = PLACES[place]
     put(tmp_path / where, six=SIX_JOINTS_MJCF, scene=SCENE, hand="<mujoco/>")

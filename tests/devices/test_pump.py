@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.config.schema.scenario import PumpTable
+from cosim.config.schema.devices import PumpTable
 from cosim.devices.drives import DelayLine, Pump, PumpState
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, leak
 

@@ -12,8 +12,8 @@ import pytest
 import cosim
 from cosim.base.frames import Array
 from cosim.config.loading import load_scenario
-from cosim.config.schema.objects import SensorTable
 from cosim.config.schema.scenario import Scenario
+from cosim.config.schema.sensors import SensorTable
 from cosim.devices.sensor import Sensor
 from cosim.errors import InputError, ScenarioError
 from tests.devices import device_parts

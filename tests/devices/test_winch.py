@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 
-from cosim.config.schema.scenario import WinchTable
+from cosim.config.schema.devices import WinchTable
 from cosim.devices.drives import WinchState
 
 TICK_s = 2e-3

@@ -15,8 +15,8 @@ from cosim.base.resources import (
     robots_directory,
     soft_robot_path,
 )
-from cosim.config.loading import RobotFiles
 from cosim.config.several_arms import ARMS
+from cosim.config.soft_robot_files import RobotFiles
 from cosim.config.toml.rules import Faults
 
 _PILLOW: Final = """schema = 2

@@ -20,7 +20,7 @@ from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_soft_robot
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.named_mesh import NamedMesh

@@ -13,7 +13,7 @@ from cosim.base.frames import Pose
 from cosim.build.simulation import build
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.config.loading import load_scenario
-from cosim.config.schema.scenario import PlanTable
+from cosim.config.schema.settings import PlanTable
 from cosim.kinematics.arm import Clearance
 from cosim.plan.asked_motion import asked_motion
 from cosim.plan.clearance import path_clearances

@@ -17,7 +17,7 @@ from rerun.experimental import ViewerClient
 
 from cosim.cli import viewing
 from cosim.cli.main import main
-from cosim.config.schema.scenario import RecordingTable
+from cosim.config.schema.settings import RecordingTable
 from cosim.errors import InputError, OutputError
 from cosim.recording import viewer as rerun_viewer
 from cosim.recording.rerun_recorder import RerunRecorder

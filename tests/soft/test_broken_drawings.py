@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from cosim.build.soft_body import build_soft_body
+from cosim.config.schema.body_sources import MeshTable, NodeSetTable
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
-from cosim.config.schema.scenario import ModelTable
-from cosim.config.schema.soft_robot import HingeTable, MeshTable, NodeSetTable, SoftRobotTable
+from cosim.config.schema.settings import ModelTable
+from cosim.config.schema.soft_robot import HingeTable, SoftRobotTable
 from cosim.errors import MeshError
 from tests.soft.test_cut_pattern import SETS, SHEET, Sheet, rectangle, understood
 

@@ -18,7 +18,7 @@ from cosim.build.patterns import cut_pattern, drawn_pattern
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.pattern import PatternFoldTable, PatternSetTable, PatternTable
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import FaceGroupTable, HingeTable, SoftRobotTable, StiffenerTable
 from cosim.errors import MeshError
 from cosim.soft.beams.beam_rings import BeamRings

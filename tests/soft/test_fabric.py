@@ -11,7 +11,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.build.soft_body import build_film, build_soft_body
 from cosim.config.loading import load_soft_robot
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.errors import InputError, MeshError
 from cosim.soft.body.body import stored_energy
 from cosim.soft.elements.fabric import Fabric

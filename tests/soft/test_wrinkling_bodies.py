@@ -10,7 +10,7 @@ import pytest
 import cosim
 from cosim.base.frames import Array, Pose
 from cosim.build.soft_body import build_soft_body
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.copies import Plate, around_axis, attached, copies

@@ -11,7 +11,7 @@ import cosim
 from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.config.schema.scenario import GasTable
+from cosim.config.schema.settings import GasTable
 from cosim.errors import ScenarioError
 from cosim.results.result import RunResult
 

@@ -16,7 +16,7 @@ from cosim.base.frames import Array
 from cosim.build.simulation import build
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, scenario_text
-from cosim.config.schema.scenario import ModelTable
+from cosim.config.schema.settings import ModelTable
 from cosim.errors import ScenarioError
 from cosim.results.result import RunResult
 

@@ -1,19 +1,16 @@
-"""Schema of the rigid objects and wires of a scenario, of sensors and cameras, and where mesh files are.
+"""Tables of the rigid objects and wires of a scenario, and of its cell.
 
 An object has one `shape`, or `[[object.part]]`s, or both: all of them make one rigid body. A mesh is a closed
-surface from an STL or OBJ file in m, looked up beside the scenario file, then in `robots/objects/`. Its
-shells (pieces that share no vertex) are touched as their convex hulls, which is exact where each shell is
-convex: cut a concave solid into convex shells in one file. With `convex = false` the film touches the surface
-itself through a table of distances (cells of 1/40 of its longest edge, trilinear: blunt by a fraction of a
-cell at edges), while rigid bodies meet the hull of the whole.
-
-With a `hinge` or a `slide` an object hangs on the world or on another object, its `parent`, and turns or
-shifts from where the scenario puts it; it does not collide with its parent. Poses, axes and anchors are
-those of the world at the start, also with a parent.
-
-A wire is a row of capsules joined by ball joints that resist bending. Its first point may be held by an
-object, such as a spool on a hinge, and its last one tied to another. It touches robots, soft robots, the
-floor and objects, but not itself. Soft robots feel it from 2 mm of radius on: what is thinner than twice the
+surface from an STL or OBJ file in m, from the scenario's folder or from `robots/objects/`. The film and rigid
+bodies touch the convex hull of each of its shells (pieces that share no vertex), which is exact where each
+shell is convex: cut a concave solid into convex shells in one file. With `convex = false` the film touches
+the surface itself through a table of distances (cells of 1/40 of its longest edge, trilinear: blunt by a
+fraction of a cell at edges), while rigid bodies touch the hull of the whole. With a `hinge` or a `slide` an
+object hangs on the world or on its `parent`, another object, and turns or shifts from its position in the
+scenario; it does not collide with its parent. Poses, axes and anchors are those of the world at the start,
+also with a parent. A wire is a row of capsules joined by ball joints that resist bending. An object may hold
+its first point, such as a spool on a hinge, and another its last one. It touches robots, soft robots, the
+floor and objects, but not itself. Soft robots feel it from a radius of 2 mm on: a wire thinner than twice the
 depth of contact slips through the film.
 """
 
@@ -41,20 +38,16 @@ from cosim.config.toml.quantities import (
     NonNegativeForce,
     NonNegativeLength,
     NonNegativeStiffness,
-    NonNegativeTime,
     NonNegativeTorque,
     Number,
-    OneOrEach,
     Position,
     Positive,
-    PositiveFrequency,
     PositiveLength,
     PositiveMass,
     Quaternion,
     Text,
-    Vector3,
 )
-from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.rules import Fault, Violations, rule
 from cosim.config.toml.tables import Table
 from cosim.errors import MeshError
 
@@ -64,12 +57,13 @@ STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
 SMALLEST_MESH_m: Final = 1e-6
 LARGEST_MESH_m: Final = 100.0
-LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo takes
+LEAST_INERTIA_kg_m2: Final = 1e-15  # that MuJoCo accepts
 _SIZE_ENTRIES: Final = {"box": 3, "sphere": 1, "cylinder": 2, "capsule": 2, "ellipsoid": 3, "mesh": 0}
+COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
 
 
 class _Shaped(Table):
-    """Rules of what has a shape."""
+    """A table with a shape, and the rules for it."""
 
     shape: Shape | None
     size_m: Size
@@ -77,7 +71,7 @@ class _Shaped(Table):
     scale: Number
 
     @rule
-    def _has_its_size(self) -> Told:
+    def _has_its_size(self) -> Violations:
         if self.shape is None:
             if self.size_m:
                 yield "size_m", "goes with a shape; none is given"
@@ -86,17 +80,17 @@ class _Shaped(Table):
             yield "size_m", f"has {has} entries; a {self.shape} has {needed}"
 
     @rule
-    def _has_its_mesh(self) -> Told:
+    def _has_its_mesh(self) -> Violations:
         if self.shape != "mesh":
             if self.file is not None:
                 yield "file", "goes with shape = 'mesh'"
         elif self.file is None:
             yield "file", "is missing; a mesh needs an .stl or .obj file"
         elif not Path(self.file).is_absolute() and self.file not in list_object_meshes():
-            there = ", ".join(list_object_meshes()) or "none"
+            known = ", ".join(list_object_meshes()) or "none"
             yield (
                 "file",
-                f"{quoted_name(self.file)} is neither beside the scenario nor one of cosim's: {there}",
+                f"{quoted_name(self.file)} is neither in the scenario's folder nor one of cosim's: {known}",
             )
         else:
             try:
@@ -112,7 +106,7 @@ class _Shaped(Table):
                 )
 
 
-def _range_told(key: str, limits: tuple[float, float] | None) -> Told:
+def _range_violations(key: str, limits: tuple[float, float] | None) -> Violations:
     if limits is not None and not (limits[0] <= 0.0 <= limits[1] and limits[0] < limits[1]):
         yield key, f"{list(limits)} must increase and hold 0, where the object starts"
 
@@ -131,8 +125,8 @@ class SolidTable(_Shaped):
         position_m: of its centre, in the object's frame; of a mesh: of the origin of its file.
         quaternion: (w, x, y, z), object from part; normalised on use.
         relative_density: the object's mass is shared by volume times this.
-        rgba: omitted = that of the object.
-        friction: omitted = that of the object.
+        rgba: colour; omitted: that of the object.
+        friction: coefficient of sliding; omitted: that of the object.
     """
 
     shape: Shape
@@ -153,8 +147,8 @@ class HingeJointTable(Table):
     """Turns an object about an axis; the moment is -stiffness q - damping dq/dt - dry friction.
 
     Args:
-        damping_Nms: torque per angular velocity, against it.
-        stiffness_Nm: torque per angle, back to where it starts.
+        damping_Nms: torque per angular velocity, opposed to it.
+        stiffness_Nm: torque per angle, towards the angle at the start.
         axis: world.
         anchor_m: a point on the axis, world.
         parent: name of an object; omitted: the world.
@@ -171,8 +165,8 @@ class HingeJointTable(Table):
     friction_Nm: NonNegativeTorque = 0.0
 
     @rule
-    def _ranges(self) -> Told:
-        return _range_told("range_rad", self.range_rad)
+    def _ranges(self) -> Violations:
+        return _range_violations("range_rad", self.range_rad)
 
 
 @final
@@ -181,8 +175,8 @@ class SlideJointTable(Table):
     """Shifts an object along an axis; the force is -stiffness q - damping dq/dt - dry friction.
 
     Args:
-        damping_Ns_m: force per velocity, against it.
-        stiffness_N_m: force per displacement, back to where it starts.
+        damping_Ns_m: force per velocity, opposed to it.
+        stiffness_N_m: force per displacement, towards the position at the start.
         axis: world.
         parent: name of an object; omitted: the world.
         range_m: smallest and largest shift, 0 at the start; omitted: free.
@@ -197,8 +191,8 @@ class SlideJointTable(Table):
     friction_N: NonNegativeForce = 0.0
 
     @rule
-    def _ranges(self) -> Told:
-        return _range_told("range_m", self.range_m)
+    def _ranges(self) -> Violations:
+        return _range_violations("range_m", self.range_m)
 
 
 @final
@@ -210,23 +204,24 @@ class ObjectTable(_Shaped):
         name: of the object, in the recording and in results.
         rgba: colour: red, green, blue, opacity.
         position_m: of its frame, world: the centre of its shape; of a mesh: the origin of its file.
-        shape: about its frame; omitted for a body that is made of its parts.
+        shape: centred on its frame; omitted for a body that consists of its parts alone.
         size_m: box: three edge lengths; sphere: radius; cylinder, capsule: radius and length (of a capsule,
             between the centres of its caps); ellipsoid: three half axes; mesh: none.
         file: of a mesh, ends in .stl or .obj; relative to the scenario file, or a name of robots/objects/.
         scale: of a mesh, multiplies the numbers of its file, such as 0.001 for a file in mm.
-        convex: of a mesh, see the module's text.
+        convex: of a mesh: true: everything touches the convex hull of each of its shells; false: the film
+            touches the surface itself.
         quaternion: (w, x, y, z), world from object; normalised on use.
-        mass_kg: of all its solids together; omitted = fixed to the world.
-        inertia_kg_m2: about the centre of mass, along the object's axes; omitted = that of its solids. Needs
-            mass_kg.
+        mass_kg: of all its solids together; omitted: fixed to the world.
+        inertia_kg_m2: moments about the centre of mass, along the object's axes; omitted: those of its
+            solids. Needs mass_kg.
         center_of_mass_m: in the object's frame, together with inertia_kg_m2.
-        friction: coefficient of sliding; contact.pair_friction says what two of them make.
-        torsional_friction_m: of turning on the spot, torque by normal force; of the two that touch the larger
-            counts. Film has none.
-        rolling_friction_m: of rolling, the same.
+        friction: coefficient of sliding; contact.pair_friction combines those of two touching bodies.
+        torsional_friction_m: torque per normal force against turning on the spot; the larger value of two
+            touching bodies holds. Film has none.
+        rolling_friction_m: torque per normal force against rolling; likewise.
         hinge: that it hangs on; needs mass_kg.
-        slide: the same; an object has one of them, or none.
+        slide: that it hangs on; needs mass_kg. An object has a hinge, a slide, or neither.
         parts: `[[object.part]]` in the file.
     """
 
@@ -250,53 +245,50 @@ class ObjectTable(_Shaped):
     parts: tuple[SolidTable, ...] = field(default=(), metadata={"alias": "part"})
 
     @rule
-    def _is_something(self) -> Told:
+    def _is_something(self) -> Violations:
         if self.shape is None and not self.parts:
             yield "", "give a shape, or [[object.part]] tables; neither is given"
 
     @rule
-    def _has_inertia(self) -> Told:
+    def _has_inertia(self) -> Violations:
         inertia = self.inertia_kg_m2
         if inertia is None:
             if self.center_of_mass_m is not None:
                 yield "center_of_mass_m", "goes with inertia_kg_m2; none is given"
         elif self.mass_kg is None:
-            yield "mass_kg", "is missing; what has inertia_kg_m2 needs mass"
+            yield "mass_kg", "is missing; inertia_kg_m2 needs it"
         elif 2.0 * max(inertia) > sum(inertia):
             yield Fault(
                 "inertia_kg_m2",
-                f"{list(inertia)} is of no body: the largest must not be above the sum of the other two",
+                f"{list(inertia)} is impossible: the largest must not be above the sum of the other two",
             )
 
     @rule
-    def _hangs_on_one_joint(self) -> Told:
+    def _hangs_on_one_joint(self) -> Violations:
         if self.hinge is not None and self.slide is not None:
             yield "slide", "cannot be combined with hinge; an object has one joint"
         elif (self.hinge or self.slide) and self.mass_kg is None:
             key = "slide" if self.hinge is None else "hinge"
-            yield "mass_kg", f"is missing; what hangs on a {key} needs mass"
+            yield "mass_kg", f"is missing; an object on a {key} needs it"
 
 
 @final
 @dataclass(frozen=True)
 class SceneTable(Table):
-    """What stands around the arm besides objects.
+    """The cell: surroundings of the arm from an MJCF file, in addition to objects.
 
     Args:
-        mjcf: MuJoCo's own format, ends in .xml; relative to the scenario file. What slides in it, or turns
-            about a hinge, is driven by the phases, and moves as they say whatever pushes it. A plane of it
-            takes the floor's place, its options are left out.
+        mjcf: file in MuJoCo's format, ends in .xml; relative to the scenario file. Phases prescribe the
+            motion of its slides and hinges, whatever force acts on them. A plane in it replaces the floor;
+            its options are ignored.
     """
 
     mjcf: Text
 
     @rule
-    def _has_its_file(self) -> Told:
+    def _has_its_file(self) -> Violations:
         if Path(self.mjcf).suffix.lower() != ".xml" or not is_file(Path(self.mjcf)):
             yield "mjcf", f"{quoted_name(self.mjcf)} is no file that ends in .xml"
-
-
-COPPER: tuple[float, float, float, float] = (0.72, 0.45, 0.20, 1.0)
 
 
 @final
@@ -307,13 +299,13 @@ class WireTable(Table):
     Args:
         name: of the wire, in the recording and in results.
         rgba: colour: red, green, blue, opacity.
-        points_m: polyline along which it lies at first, world.
+        points_m: polyline along which it lies at the start, world.
         radius_m: of its capsules.
-        segments: their number, evenly spaced along the polyline; each must be longer than thick.
-        mass_kg: of all of it.
-        bending_stiffness_Nm2: flexural rigidity EI, the same against twist.
-        bending_damping_Nm2s: the same for rates.
-        straight: without load it is straight; otherwise it keeps the shape that it has at first.
+        segments: number of capsules, evenly spaced along the polyline; each must be longer than thick.
+        mass_kg: of the whole wire.
+        bending_stiffness_Nm2: flexural rigidity EI; also the torsional rigidity.
+        bending_damping_Nm2s: moment per rate of curvature and of twist.
+        straight: true: the wire is straight without load; false: its shape at the start is that without load.
         first: object that holds its first point, elastically clamped; omitted: the end is free.
         last: object to which its last point is tied, free to turn; omitted: the end is free.
         friction: coefficient of sliding.
@@ -342,11 +334,11 @@ class WireTable(Table):
 
     @property
     def lengths_m(self) -> Array:
-        """(segments,) [m]."""
+        """Lengths of the segments (segments,) [m]."""
         return np.asarray(np.linalg.norm(np.diff(self.knots, axis=0), axis=1))
 
     @rule
-    def _bends(self) -> Told:
+    def _bends(self) -> Violations:
         lengths, thick = self.lengths_m, 2.0 * self.radius_m
         if not lengths.min() > thick:
             yield Fault(
@@ -356,116 +348,16 @@ class WireTable(Table):
             )
 
     @rule
-    def _is_heavy_enough(self) -> Told:
+    def _is_heavy_enough(self) -> Violations:
         least = LEAST_INERTIA_kg_m2 / (0.4 * self.radius_m**2) * self.segments
         if self.mass_kg <= least:
             yield Fault(
                 "mass_kg",
-                f"{self.mass_kg:g} is too light for {self.segments} segments that thin, which would spin "
-                f"without inertia; must be above {least:.3g}",
+                f"{self.mass_kg:g} is too light: MuJoCo needs more inertia for {self.segments} segments that "
+                f"thin; must be above {least:.3g}",
             )
 
 
 def mesh_path(file: str) -> Path:
-    """Return where a mesh file is: an absolute path, or one of those that come with cosim."""
+    """Return the path of a mesh file, given as an absolute path or as the name of one that cosim includes."""
     return Path(file) if Path(file).is_absolute() else object_mesh_path(file)
-
-
-SensorKind: TypeAlias = Literal[
-    "pressure", "cable_length", "cable_tension", "flange_force", "flange_torque", "tip_position",
-    "tip_direction", "bending_angle", "joint_position", "joint_torque",
-]  # fmt: skip
-JOINTS: Final = ("joint_position", "joint_torque")
-"""Kinds that read the joints of an arm."""
-_XYZ: Final = ("x", "y", "z")
-_PARALLEL: Final = 1e-6
-
-
-@final
-@dataclass(frozen=True)
-class SensorTable(Table):
-    """A sensor: quantum * round((truth + bias + noise * n) / quantum), n normal, held and late.
-
-    Args:
-        name: of the sensor; controllers name it in `sensors`.
-        kind: of the measured value, in Pa, m, N, N m or rad; forces, torques and directions along the world's
-            axes.
-        of: names of the chambers or cables that it measures; omitted: all. Other kinds have no names.
-        noise: standard deviation of white noise, in the unit of the kind; one for all values, or one
-            for each.
-        bias: constant error, in that unit; likewise.
-        delay_s: age of a reading; rounded to whole ticks.
-        rate_Hz: samples per second, each held until the next; omitted: one a tick.
-        quantum: step between readings, in that unit; 0: none.
-        seed: of the noise; two sensors of one seed have different noise.
-    """
-
-    name: Name
-    kind: SensorKind
-    of: tuple[str, ...] = ()
-    noise: OneOrEach[NonNegative] = 0.0
-    bias: OneOrEach[Number] = 0.0
-    delay_s: NonNegativeTime = 0.0
-    rate_Hz: PositiveFrequency | None = None
-    quantum: OneOrEach[NonNegative] = 0.0
-    seed: Annotated[int, Interval(ge=0, le=2**31 - 1)] = 0
-
-    def values(self, chambers: tuple[str, ...], cables: tuple[str, ...]) -> tuple[str, ...] | None:
-        """Return the names of what it reads; None: of the arm's joints, which a scenario does not name.
-
-        Args:
-            chambers: names of the soft robot's.
-            cables: the same.
-        """
-        if self.kind in JOINTS:
-            return None
-        if self.kind == "bending_angle":
-            return ("",)
-        return self.of or self.named(chambers, cables) or _XYZ
-
-    def named(self, chambers: tuple[str, ...], cables: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names of chambers or cables that `of` may choose from; none for other kinds."""
-        if self.kind == "pressure":
-            return chambers
-        return cables if self.kind in ("cable_length", "cable_tension") else ()
-
-
-@final
-@dataclass(frozen=True)
-class CameraTable(Table):
-    """A camera that sees colours, depths, and what every pixel belongs to.
-
-    Args:
-        name: of the camera.
-        on: what carries it, and in whose axes it is placed. "flange": the flange's frame; "tip": at the tip,
-            z along the tip's direction; "palm": the frame of the soft robot's palm; "world".
-        position_m: of it.
-        direction: in which it looks.
-        up: that is up in its pictures; omitted: z, or x where it looks along z.
-        size: (2,) width and height in pixels.
-        fov_rad: field of view from the lower to the upper edge.
-        rate_Hz: pictures per second, at most one a tick; in statics there is one of every increment.
-    """
-
-    name: Name
-    on: Literal["world", "flange", "tip", "palm"] = "world"
-    position_m: Position = (0.0, 0.0, 0.0)
-    direction: Direction = (0.0, 0.0, 1.0)
-    up: Direction | None = None
-    size: tuple[Annotated[int, Interval(ge=1, le=4096)], Annotated[int, Interval(ge=1, le=4096)]] = (320, 240)
-    fov_rad: Annotated[float, Interval(ge=0.01, le=3.0)] = 0.8
-    rate_Hz: PositiveFrequency = 10.0
-
-    @property
-    def upward(self) -> Vector3:
-        """What is up in its pictures."""
-        x, y, z = self.direction
-        along_z = x * x + y * y <= _PARALLEL * z * z
-        return self.up or ((1.0, 0.0, 0.0) if along_z else (0.0, 0.0, 1.0))
-
-    @rule
-    def _knows_what_is_up(self) -> Told:
-        (a, b, c), (x, y, z) = self.direction, self.upward
-        across = (b * z - c * y) ** 2 + (c * x - a * z) ** 2 + (a * y - b * x) ** 2
-        if across <= _PARALLEL * (a * a + b * b + c * c) * (x * x + y * y + z * z):
-            yield "up", f"{[x, y, z]} is the direction in which it looks; give another one"

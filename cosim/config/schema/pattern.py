@@ -1,4 +1,4 @@
-"""Schema of cut patterns, `[body] kind = "pattern"`: two sheets welded along seams."""
+"""Tables of a cut pattern, two sheets welded along seams, which draws a film: `[body] kind = "pattern"`."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,10 +8,10 @@ from annotated_types import Interval, Len
 
 from cosim.base.drawing import DRAWING_SUFFIXES, Unit
 from cosim.base.resources import is_file, quoted_name
-from cosim.config.schema.soft_robot import BodySourceTable
+from cosim.config.schema.body_sources import BodySourceTable
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.quantities import Count, Length, Name, NonNegativeLength, PositiveLength, Text
-from cosim.config.toml.rules import Told, rule
+from cosim.config.toml.rules import Violations, rule
 from cosim.config.toml.tables import Table
 
 Point = tuple[Length, Length]
@@ -24,7 +24,7 @@ GROUPS: Final = ("front", "back", "welded")
 @final
 @dataclass(frozen=True)
 class PatternSetTable(Table):
-    """Nodes of a pattern by a name, said in one of three ways, in the drawing's coordinates.
+    """A named set of nodes of a pattern, selected in one of three ways, in the drawing's coordinates.
 
     Args:
         name: of the set; base, tip, cables, supports and forces name it.
@@ -32,8 +32,8 @@ class PatternSetTable(Table):
             begins with CABLE: the corners of its lines, in order from the base to the tip.
         box_m: two opposite corners of a box: all nodes within.
         line_m: points of a line: all nodes on it, in order.
-        sheet: "front" faces whoever looks at the drawing; nodes on seams are of both.
-        pair: of sheets, from 1, where there are several; omitted: all pairs.
+        sheet: "front" faces the viewer of the drawing; nodes on seams belong to both.
+        pair: number of the pair of sheets, from 1; omitted: all pairs.
     """
 
     name: Name
@@ -44,12 +44,12 @@ class PatternSetTable(Table):
     pair: Count | None = None
 
     @rule
-    def _is_said_once(self) -> Told:
+    def _is_said_once(self) -> Violations:
         if sum(way is not None for way in (self.layer, self.box_m, self.line_m)) != 1:
             yield "", "give layer, box_m or line_m, and one of these"
 
     @rule
-    def _runs_on_a_sheet(self) -> Told:
+    def _runs_on_a_sheet(self) -> Violations:
         if self.is_cable and self.sheet == "both":
             yield "sheet", "is missing: a cable runs on one sheet, sheet = 'front' or 'back'"
 
@@ -68,8 +68,8 @@ class PatternFoldTable(Table):
         rest_angle_rad: from flat, without load; positive: the ridge is on the outer side of the sheet.
         layer: of the drawing, such as FOLD or FOLD_valley.
         line_m: points of a line, in the drawing's coordinates.
-        sheet: that is folded; where the sheets are welded flat, both follow the one that is named. "both":
-            both sheets of a chamber, each outwards.
+        sheet: that is folded; sheets that are welded flat fold together. "both": both sheets of a chamber,
+            each outwards.
     """
 
     rest_angle_rad: Annotated[float, Interval(gt=-3.1, lt=3.1)]
@@ -78,7 +78,7 @@ class PatternFoldTable(Table):
     sheet: Literal["both", "front", "back"] = "both"
 
     @rule
-    def _is_said_once(self) -> Told:
+    def _is_said_once(self) -> Violations:
         if (self.layer is None) == (self.line_m is None):
             yield "", "give layer or line_m, and one of these"
 
@@ -86,36 +86,38 @@ class PatternFoldTable(Table):
 @final
 @dataclass(frozen=True, kw_only=True)
 class PatternTable(BodySourceTable):
-    """A film of two flat sheets that are welded along seams, as it is cut.
+    """A film of two flat sheets that are welded along seams, drawn as its cut pattern.
 
     Args:
         kind: of `[body]`.
-        file: DXF or SVG beside the file that names it, in layers CUT, SEAL, HOLE, PORT, CABLE, FOLD,
-            FRAME; or `outline_m` has the outline.
-        unit: of the drawing's numbers; omitted: as the drawing says.
+        file: DXF or SVG in the folder of the robot's file, with layers CUT, SEAL, HOLE, PORT, CABLE, FOLD,
+            FRAME; or give `outline_m`.
+        unit: of the drawing's numbers; omitted: the unit that the drawing states.
         outline_m: corners of the sheets, in place of a drawing.
         seams_m: points of each further seam, in place of a drawing.
         holes_m: corners of each hole, in place of a drawing.
         port_m: a point within the chamber, in place of a drawing.
         chambers: names of several chambers: NAME has its port on layer PORT_NAME. Omitted: there is one,
             with its port on layer PORT.
-        edge: "drawn": the sheets are welded along layer SEAL, or `seams_m`, only, and these close every
-            chamber; "sealed": along all edges of the sheets as well; "open": as drawn, and where no seam
-            closes a chamber it has an open end, closed by a cap that carries the pressure.
-        pairs: of sheets, one on the other, away from the flange with plane = "flat"; neighbours are joined
-            along the holes, which `edge` does not seal then, and caps close the first and the last one.
-        pair_height_m: drawn height of a pair, needed for several: from seam to hole the sheets lead half of
-            it aside. A single pair with it is one such unit, its holes closed by caps.
+        edge: "drawn": the sheets are welded only along layer SEAL, or `seams_m`, and these close every
+            chamber; "sealed": also along all edges of the sheets; "open": as drawn, and a chamber may have
+            open ends, which caps close and carry the pressure.
+        pairs: number of pairs of sheets, one on the other, away from the flange with plane = "flat";
+            neighbours are joined along the holes, which `edge` then does not seal, and caps close the first
+            and the last one.
+        pair_height_m: drawn height of a pair, needed for several: each sheet is drawn half of it apart at
+            the hole. A single pair with it is one such unit, its holes closed by caps.
         seam_width_m: of the welds, half of it on each side of a seam; 0: a line.
         mesh_m: length of the triangles' edges; omitted: a quarter of the largest distance to a seam.
         along: direction in the drawing that leads away from the base.
         plane: "upright": that direction is the flange's z axis, and the sheets lie in its xz plane, the front
             towards -y. "flat": the sheets lie in the flange's xy plane, the front towards +z.
-        folds: `[[body.fold]]` in the file, of a single pair; lines of layer FOLD without one rest flat.
-        sets: `[[body.set]]` in the file; the middle of the robot's first base comes to the flange's origin.
+        folds: `[[body.fold]]` in the file, of a single pair; lines of layer FOLD without an entry are flat
+            without load.
+        sets: `[[body.set]]` in the file; the middle of the robot's first base is the flange's origin.
         tip: the set at the free end.
-        center: sets that the centre line runs through between base and tip; the tip's direction is that
-            from the last of them. Without it, a flat tip's direction is that of the film there.
+        center: sets that the centre line runs through between base and tip; the tip's direction points from
+            the last of them to the tip. Omitted: a flat tip has the direction of the film there.
     """
 
     kind: Literal["pattern"] = "pattern"
@@ -139,7 +141,7 @@ class PatternTable(BodySourceTable):
     center: tuple[Name, ...] = ()
 
     @rule
-    def _is_drawn_once(self) -> Told:
+    def _is_drawn_once(self) -> Violations:
         if (self.file is None) == (self.outline_m is None):
             yield "file", "give file, or outline_m, and one of these"
             return
@@ -150,7 +152,7 @@ class PatternTable(BodySourceTable):
                 yield key, f"goes with {'outline_m' if self.file else 'file'}, which is not given"
 
     @rule
-    def _has_its_file(self) -> Told:
+    def _has_its_file(self) -> Violations:
         if self.file is None:
             return
         if Path(self.file).suffix.lower() not in DRAWING_SUFFIXES:
@@ -159,14 +161,14 @@ class PatternTable(BodySourceTable):
             yield "file", f"no file {quoted_name(self.file)} beside the one that names it"
 
     @rule
-    def _has_its_tip(self) -> Told:
+    def _has_its_tip(self) -> Violations:
         if self.tip not in self.set_names():
             yield "tip", unknown_name_message("set", self.tip, self.set_names())
         for name in [name for name in self.center if name not in self.set_names()][:1]:
             yield "center", unknown_name_message("set", name, self.set_names())
 
     @rule
-    def _is_stacked(self) -> Told:
+    def _is_stacked(self) -> Violations:
         if self.pairs > 1 and self.pair_height_m is None:
             yield "pair_height_m", "is missing; needed with pairs above 1"
         for entry in self.sets:
@@ -174,7 +176,7 @@ class PatternTable(BodySourceTable):
                 yield f"set.{entry.name}.pair", f"{entry.pair} does not exist; pairs 1 to {self.pairs} do"
 
     @rule
-    def _has_layers(self) -> Told:
+    def _has_layers(self) -> Violations:
         for entry in self.sets if self.file is None else ():
             if entry.layer is not None:
                 yield f"set.{entry.name}.layer", "is of a drawing; give box_m or line_m"
@@ -184,7 +186,7 @@ class PatternTable(BodySourceTable):
             yield "fold.layer", "is of a drawing; give line_m"
 
     @rule
-    def _has_chambers(self) -> Told:
+    def _has_chambers(self) -> Violations:
         if self.chambers and self.file is None:
             yield "chambers", "are those of a drawing; an outline of points has one"
         elif len(set(self.chambers)) < len(self.chambers):

@@ -1,29 +1,17 @@
-"""Schema of the start and the phases of a scenario: where the flange goes, what is loaded and held.
-
-Names that mean several things: groups ("gripper" for "gripper/...") and patterns ("copy_*/tip").
-
-Values that a scenario gives for the gas chambers: one for all, a list, or a table by name.
-
-A name in a table is that of a chamber ("gripper/copy_2"), of a group of chambers ("gripper" for all whose
-names begin with "gripper/"), or a pattern ("gripper/copy_*").
-
-Tables of what changes the commands of a scenario's phases: `[[command]]`.
-
-Each kind has its own table, a subclass of `CommandTable`, and is known once it is registered.
-
-A rigid target is a pose of the flange. `direction` is the flange's z axis, out of the flange. At
-`roll_rad = 0` the flange is turned the shortest way from hanging straight down with its x axis along the
-world's x axis; pointing straight up it is turned half a turn about the world's y axis instead.
+"""Tables of the start and the phases of a scenario: motion of the flange, loads, held rings, targets of the
+tip; and the base class of command sources (`[[command]]`). A rigid target is a pose of the flange.
+`direction` is the flange's z axis, out of the flange. At `roll_rad = 0` the flange is turned the shortest way
+from hanging straight down with its x axis along the world's x axis; pointing straight up it is turned half a
+turn about the world's y axis instead.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, final
 
 from annotated_types import Interval, Len
 
-from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.quantities import (
     Angle,
     Count,
@@ -44,73 +32,26 @@ from cosim.config.toml.quantities import (
     Tensions,
     Text,
 )
-from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.rules import Fault, Violations, rule
 from cosim.config.toml.tables import KindTable, Table
-from cosim.errors import InputError, ScenarioError
+from cosim.errors import InputError
 
 if TYPE_CHECKING:
     from cosim.base.tip_course import TipCourse
 
-
-Value = TypeVar("Value")
-
-
-def by_name(table: Mapping[str, Value], names: Sequence[str], what: str, path: str) -> dict[str, Value]:
-    """Return the value of each name that a table gives one by name, group or pattern; later entries win.
-
-    Args:
-        table: of a scenario.
-        names: that there are.
-        what: they are names of, for the message.
-        path: of the table, for the message.
-
-    Raises:
-        ScenarioError: a key matches no name.
-    """
-    found: dict[str, Value] = {}
-    for key, value in table.items():
-        meant = matching(key, names)
-        if not meant:
-            raise ScenarioError(f"{path}.{key}", unknown_name_message(what, key, tuple(names)))
-        found.update(dict.fromkeys(meant, value))
-    return found
-
-
-def given_values(
-    setting: OneOrByName[Value] | None, names: Sequence[str], path: str
-) -> tuple[Value | None, ...]:
-    """Return the value that a setting gives for each chamber; None where it leaves one out.
-
-    Args:
-        setting: of a scenario.
-        names: of the chambers.
-        path: of the setting, for messages.
-
-    Raises:
-        ScenarioError: a list of another length, or a name that matches no chamber.
-    """
-    if isinstance(setting, Mapping):
-        found = by_name(setting, names, "chamber", path)
-        return tuple(found.get(name) for name in names)
-    if not isinstance(setting, tuple):
-        return (setting,) * len(names)
-    if len(setting) != len(names):
-        raise ScenarioError(
-            path, f"has {len(setting)} entries; there are {len(names)} chambers: {listing(names)}"
-        )
-    return setting
-
-
-def values_after(
-    before: tuple[Value, ...], setting: OneOrByName[Value] | None, names: Sequence[str], path: str
-) -> tuple[Value, ...]:
-    """Return the value of each chamber after a setting; what it leaves out stays as before.
-
-    Raises:
-        ScenarioError: see `given_values`.
-    """
-    given = given_values(setting, names, path)
-    return tuple(old if new is None else new for old, new in zip(before, given, strict=True))
+MOST_POINTS: Final = 10_000
+"""Of a tip path."""
+MOST_SHAKE_PERIODS: Final = 1_000
+CELL_KEYS: Final = ("cell_shift_m", "cell_angle_rad", "cell_speed_m_s", "cell_speed_rad_s")
+"""Keys of a phase that drive joints of the cell."""
+JOINT_KEYS: Final = ("joint_shift_m", "joint_angle_rad")
+"""Keys of a phase, and of the start, that prescribe joints of the arm: prismatic ones, revolute ones."""
+SETPOINTS: Final = {
+    "control_bending_angle_rad": "bending_angle_rad", "control_tip_height_m": "tip_height_m"
+}  # fmt: skip
+"""Key of a phase -> quantity that the controllers it names measure."""
+_MOVES: Final = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
+_SAME: Final = 1e-6  # of a duration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,45 +59,26 @@ class CommandTable(KindTable):
     """A source of commands.
 
     Args:
-        kind: of the source; each kind has its own further keys.
+        kind: of the source; each kind has further keys.
     """
 
     def source(self, given: Any, scenario: Any) -> Any:
-        """Return a source of commands (`cosim.devices.command_source.CommandSource`) in place of another.
+        """Return a source of commands (`cosim.devices.command_source.CommandSource`) that wraps another.
 
         Args:
-            given: what would be asked for without it, a `CommandSource`.
+            given: the `CommandSource` whose commands it changes.
             scenario: a checked `Scenario`.
 
         Raises:
-            InputError: there is no such cable, or what else is asked for.
+            InputError: the table names a cable or other part that does not exist.
         """
         raise NotImplementedError
-
-
-MOST_POINTS: Final = 10_000
-"""Of a tip path."""
-
-MOST_SHAKE_PERIODS: Final = 1_000
-CELL_KEYS: Final = ("cell_shift_m", "cell_angle_rad", "cell_speed_m_s", "cell_speed_rad_s")
-"""Keys of a phase that drive joints of the cell."""
-
-JOINT_KEYS: Final = ("joint_shift_m", "joint_angle_rad")
-"""Keys of a phase, and of the start, that lead joints of the arm: those that slide, those that turn."""
-
-SETPOINTS: Final = {
-    "control_bending_angle_rad": "bending_angle_rad", "control_tip_height_m": "tip_height_m"
-}  # fmt: skip
-"""Key of a phase -> what the controllers that it names measure."""
-
-_MOVES: Final = ("flange", "flange_turn", "flange_shift_m", "flange_shake")
-_SAME: Final = 1e-6  # of a duration
 
 
 @final
 @dataclass(frozen=True)
 class FlangePoseTable(Table):
-    """Absolute pose of the flange: origin, z axis, roll about it (see the module's text).
+    """Absolute pose of the flange: origin, z axis, roll about it.
 
     Args:
         position_m: of the flange's origin, world.
@@ -172,7 +94,7 @@ class FlangePoseTable(Table):
 @final
 @dataclass(frozen=True)
 class FlangeTurnTable(Table):
-    """Right-handed rotation about the flange's origin, world axis, from where the phase starts.
+    """Right-handed rotation about the flange's origin and a world axis, from the pose at the phase's start.
 
     Args:
         axis: world; of any length.
@@ -186,12 +108,12 @@ class FlangeTurnTable(Table):
 @final
 @dataclass(frozen=True)
 class FlangeShakeTable(Table):
-    """The flange swings to and fro along a line, and ends where it began.
+    """The flange oscillates along a line, and ends where it began.
 
     Args:
         axis: world.
-        amplitude_m: reached after the first period, kept up to the last one.
-        frequency_Hz: the phase must last at least three periods, and its ramp be linear.
+        amplitude_m: reached after the first period, constant up to the last one.
+        frequency_Hz: of the oscillation; the phase must last at least three periods, with ramp = "linear".
     """
 
     axis: Direction
@@ -202,15 +124,15 @@ class FlangeShakeTable(Table):
 @final
 @dataclass(frozen=True)
 class TipTargetTable(Table):
-    """Where the soft tip should be at the end of a phase: `position_m`, or only its height.
+    """Target of the soft tip at the end of a phase: `position_m`, or only its height.
 
     Args:
         position_m: of the centre of the last hole ring, world.
         direction: unit normal of the last hole ring, away from the base, world.
         height_m: world z of the tip; only with reach_with = "cables".
-        reach_with: "flange": the flange goes where the deformed tip meets the target;
-            "cables": the flange stays, tensions are found;
-            "none": the flange goes where the undeformed tip would meet it (to see the error).
+        reach_with: "flange": the flange moves so that the deformed tip meets the target; "cables": the
+            flange stays, and cable tensions bring the tip there; "none": the flange moves so that the
+            undeformed tip would meet the target (to see the error).
     """
 
     position_m: Position | None = None
@@ -219,7 +141,7 @@ class TipTargetTable(Table):
     reach_with: Literal["flange", "cables", "none"] = "flange"
 
     @rule
-    def _is_one_place(self) -> Told:
+    def _is_one_place(self) -> Violations:
         if (self.position_m is None) == (self.height_m is None):
             given = "neither" if self.position_m is None else "both"
             yield "", f"give position_m or height_m; {given} is given"
@@ -233,16 +155,16 @@ class TipPathTable(Table):
     """A path that the tip follows from rest to rest: a smooth curve through points, at one speed.
 
     Args:
-        points_m: of the centre of the last hole ring, world; the first one is where the tip is when the phase
-            starts. Straight between two, a cubic spline through more.
+        points_m: of the centre of the last hole ring, world; the first one is the tip's position at the
+            phase's start. Two are joined by a straight line, more by a cubic spline.
         directions: unit normals of the last hole ring, away from the base, world: one for the whole path, or
-            one for each point; left out, the tip turns as it comes.
-        file: CSV in place of both, beside the scenario: a header with x_m, y_m, z_m and, for directions,
+            one for each point; omitted: the tip's direction is free.
+        file: CSV in place of both, in the scenario's folder: a header with x_m, y_m, z_m and, for directions,
             direction_x, direction_y, direction_z.
         speed_m_s: along the path, between its ramps.
-        ramp_s: from rest to that speed, and from it to rest.
-        reach_with: "flange": the flange goes where the deformed tip is on the path;
-            "none": the flange goes where the undeformed tip would be on it (to see the error).
+        ramp_s: duration from rest to that speed, and from it to rest.
+        reach_with: "flange": the flange moves so that the deformed tip is on the path;
+            "none": the flange moves so that the undeformed tip would be on it (to see the error).
     """
 
     speed_m_s: PositiveSpeed
@@ -253,12 +175,12 @@ class TipPathTable(Table):
     reach_with: Literal["flange", "none"] = "flange"
 
     def course(self) -> "TipCourse":
-        """Return where the tip is to be, and when.
+        """Return the tip's target over time.
 
         Raises:
-            InputError: there is no such curve.
+            InputError: no curve leads through the points.
         """
-        from cosim.base.tip_course import course_of  # here: scenarios without a path need no splines
+        from cosim.base.tip_course import course_of  # imported here: only paths need scipy's splines
 
         return course_of(self.points_m, self.directions, self.speed_m_s, self.ramp_s)
 
@@ -269,11 +191,11 @@ class StartTable(Table):
     """State before the first tick; an empty list of tensions means none.
 
     Args:
-        flange: where it is.
+        flange: its pose.
         pressure_Pa: gauge pressure; of all chambers, or a list, or a table by chamber.
         cable_tension_N: at the base end of each cable.
-        joint_shift_m: where joints of the arm that slide are, by name, such as a rail; see `[[phase]]`.
-        joint_angle_rad: the same of those that turn.
+        joint_shift_m: positions of prismatic joints of the arm by name, such as a rail; see `[[phase]]`.
+        joint_angle_rad: angles of revolute joints of the arm by name.
     """
 
     flange: FlangePoseTable
@@ -291,7 +213,7 @@ class SupportTable(Table):
     Args:
         rings: such as "unit_1.outer".
         corners: of these rings, 0 to sides - 1; omitted: all nodes of the rings.
-        axes: world axes along which they are held, where they are when the phase starts.
+        axes: world axes along which they are held, at their positions when the phase starts.
     """
 
     rings: Annotated[tuple[str, ...], Len(min_length=1)]
@@ -318,25 +240,25 @@ class ForceTable(Table):
 @final
 @dataclass(frozen=True)
 class PhaseTable(Table):
-    """One stretch of the run; omitted values stay as they are.
+    """A part of the run: it ramps to its values, then holds them. Omitted values keep those before it.
 
     Values of the gas are one value for all chambers, or a list, or a table by chamber.
 
     Args:
-        name: of the phase; overrides, curves and the summary call it by that.
-        duration_s: of the ramp; beside `tip_path` it follows from the path, and is left out.
-        settle_s: held afterwards, at the end values.
+        name: of the phase, in overrides, curves and the summary.
+        duration_s: of the ramp; with `tip_path` omit it: it follows from the path.
+        settle_s: time after the ramp in which the end values are held.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.
         gas: "prescribed": the pressure is given; "sealed": the gas in the chamber at the phase's start stays
-            in it, and its pressure follows from the volume. Prescribed until a phase seals it.
+            in it, and its pressure follows from the volume. At the start it is "prescribed".
         leak_kg_s_Pa: mass that a sealed gas loses per second and pascal of gauge pressure.
         pressure_Pa: gauge pressure at the end of the ramp.
         cable_tension_N: at the base end of each cable, at the end of the ramp; in the file a list, or a table
-            by name, group or pattern, whose cables left out stay as they were.
+            by name, group or pattern. Cables that the table omits keep their tension.
         cable_length_m: unstretched length between first and last eyelet at the end of the ramp, by cable; it
-            stays commanded until a tension is.
-        cable_shortening_m: the same, as the change since the start of the phase.
+            holds until a phase commands a tension.
+        cable_shortening_m: decrease of that length since the start of the phase, by cable.
         pump_pressure_Pa: setpoint from the start of the phase on, by pump; while the gas is sealed.
         control: controllers that act in this phase without a setpoint.
         control_bending_angle_rad: setpoint of the angle between tip direction and flange axis, by controller.
@@ -344,21 +266,23 @@ class PhaseTable(Table):
         flange: absolute pose at the end of the ramp.
         flange_turn: relative rotation; may be combined with `flange_shift_m`.
         flange_shift_m: relative displacement, world axes.
-        flange_shake: a swing on top of `flange_turn` and `flange_shift_m`.
-        joint_shift_m: where joints of the arm that slide are at the end of the ramp, by name, such as a rail;
-            the others follow the flange. At least six must. Without it a joint follows the flange as well.
-        joint_angle_rad: the same of joints that turn, such as a turntable.
-        cell_shift_m: place of slides of the cell at the end of the ramp, by joint; 0 is where its file has
-            them.
-        cell_angle_rad: the same of its hinges.
-        cell_speed_m_s: of slides of the cell from the start of the phase on, by joint, such as a conveyor; it
-            stays until a phase gives another speed, or a place.
-        cell_speed_rad_s: the same of its hinges.
-        release: rings let go when the phase starts, before anything else is held.
-        clamp: rings held rigidly to the flange from here on, as they are when the phase starts.
-        supports: `[[phase.support]]` in the file; held from here on, in addition to the rings held already.
+        flange_shake: an oscillation on top of `flange_turn` and `flange_shift_m`.
+        joint_shift_m: positions of prismatic joints of the arm at the end of the ramp, by name, such as a
+            rail. The other joints, at least six, follow the flange. Without a value a joint follows the
+            flange as well.
+        joint_angle_rad: angles of revolute joints of the arm at the end of the ramp, such as a turntable.
+        cell_shift_m: positions of slides of the cell at the end of the ramp, by joint; 0 is the position in
+            its file.
+        cell_angle_rad: angles of hinges of the cell at the end of the ramp, by joint.
+        cell_speed_m_s: speeds of slides of the cell from the start of the phase on, by joint, such as a
+            conveyor; a speed holds until a phase gives another speed, or a position.
+        cell_speed_rad_s: speeds of hinges of the cell from the start of the phase on, by joint.
+        release: rings released when the phase starts, before others are held.
+        clamp: rings held rigidly to the flange from the start of the phase on, in their shape at that time.
+        supports: `[[phase.support]]` in the file; held from the start of the phase on, in addition to rings
+            that are held already.
         forces: `[[phase.force]]` in the file; together they replace the forces of earlier phases.
-        tip_target: where the tip should end up.
+        tip_target: target of the tip at the end of the phase.
         tip_path: path that the tip follows, with a time law in place of `ramp`.
     """
 
@@ -396,7 +320,7 @@ class PhaseTable(Table):
 
     @property
     def tip_key(self) -> str | None:
-        """The key that says where the tip goes; None where nothing does."""
+        """The key that gives the tip's target, "tip_target" or "tip_path"; None without one."""
         return next(iter(self._given(("tip_target", "tip_path"))), None)
 
     @property
@@ -415,13 +339,13 @@ class PhaseTable(Table):
         return [key for key in keys if getattr(self, key) is not None]
 
     @rule
-    def _moves_in_one_way(self) -> Told:
+    def _moves_in_one_way(self) -> Violations:
         moves = self._given(_MOVES)
         if self.flange is not None and len(moves) > 1:
             yield moves[1], "cannot be combined with flange, which already gives the pose"
 
     @rule
-    def _shakes(self) -> Told:
+    def _shakes(self) -> Violations:
         if self.flange_shake is None:
             return
         if self.ramp != "linear":
@@ -436,7 +360,7 @@ class PhaseTable(Table):
             )
 
     @rule
-    def _follows_a_path_alone(self) -> Told:
+    def _follows_a_path_alone(self) -> Violations:
         if self.tip_path is None:
             return
         for other in self._given((*_MOVES, "tip_target")):
@@ -445,12 +369,12 @@ class PhaseTable(Table):
             yield "ramp", f"is '{self.ramp}'; a tip_path has its own ramps (ramp_s): leave it out"
 
     @rule
-    def _lasts_as_long_as_its_path(self) -> Told:
+    def _lasts_as_long_as_its_path(self) -> Violations:
         path = self.tip_path
         if path is None:
             return
         if path.file is not None:
-            yield "tip_path.file", "is read where a scenario's file names it; give points_m"
+            yield "tip_path.file", "works only in a scenario's file; give points_m"
             return
         try:
             lasts_s = path.course().duration_s
@@ -465,7 +389,7 @@ class PhaseTable(Table):
             )
 
     @rule
-    def _reaches_in_one_way(self) -> Told:
+    def _reaches_in_one_way(self) -> Violations:
         if self.tip_target is None:
             return
         for key in self._given(_MOVES)[:1]:
@@ -474,7 +398,7 @@ class PhaseTable(Table):
             yield "cable_tension_N", "cannot be combined with a target reached with cables"
 
     @rule
-    def _commands_cables_in_one_way(self) -> Told:
+    def _commands_cables_in_one_way(self) -> Violations:
         for key in self._given(("cable_length_m", "cable_shortening_m")):
             if getattr(self, key) and self.cable_tension_N is not None:
                 yield key, "cannot be combined with cable_tension_N, which commands the same cables"
@@ -483,4 +407,4 @@ class PhaseTable(Table):
 
 
 HOLD: Final = PhaseTable(name="hold", duration_s=1e9, ramp="step")
-"""What a scenario without phases does: it stays as it starts, longer than anybody steps it."""
+"""The phase of a scenario without phases: it holds the start, longer than any run."""

@@ -1,25 +1,20 @@
-"""Schema of a soft robot's file (`robots/*.toml`): frozen, SI units in the names of the keys.
-
-What draws the film of a soft robot, other than a stack of units: `[body]` of its file, of some kind.
-
-Tables of elements that a soft robot has besides its film, folds, cables and stiffeners: `[[element]]`.
-
-Each kind has its own table, a subclass of `ElementTable`, and is known once it is registered.
-
-Tables of what a soft robot is made of besides its film: hinges, stiffeners, mass."""
+"""Tables of a soft robot's file (`robots/*.toml`): film, folds, stiffeners, masses, cables, copies,
+attachments. The tables are frozen; units are SI and part of the keys' names. Custom elements are
+`[[element]]` tables of kinds that are registered as subclasses of `ElementTable`.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, fields, is_dataclass
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal, final
 
 from annotated_types import Interval, Len
 
 from cosim.base.names import ONLY_CHAMBER
-from cosim.base.resources import is_file, quoted_name
-from cosim.config.schema.film import FIRST_RING, FilmTable, StackTable
+from cosim.config.schema.body_sources import BodySourceTable
+from cosim.config.schema.film import FilmTable
+from cosim.config.schema.stack import FIRST_RING, StackTable
 from cosim.config.toml import keys
 from cosim.config.toml.quantities import (
     Angle,
@@ -34,7 +29,6 @@ from cosim.config.toml.quantities import (
     NonNegativeForce,
     NonNegativeLength,
     NonNegativeMass,
-    Position,
     Positive,
     PositiveLength,
     PositiveMass,
@@ -45,118 +39,31 @@ from cosim.config.toml.quantities import (
     Text,
     UpToOne,
 )
-from cosim.config.toml.rules import Fault, Told, rule
+from cosim.config.toml.rules import Fault, Violations, rule
 from cosim.config.toml.tables import KindTable, Table
 
-
-@dataclass(frozen=True, kw_only=True)
-class BodySourceTable(KindTable):
-    """What draws the film of a soft robot.
-
-    Args:
-        kind: of the source; each kind has its own further keys.
-    """
-
-    def set_names(self) -> tuple[str, ...]:
-        """Return the names of the node sets, by which robots and scenarios hold, load and route cables."""
-        raise NotImplementedError
-
-    def chamber_names(self) -> tuple[str, ...]:
-        """Return the names of the gas chambers that the film encloses."""
-        return (ONLY_CHAMBER,)
-
-    def has_frames(self) -> bool:
-        """Whether it may name lines that stiffeners run along."""
-        return False
-
-    def mesh(self) -> Any:
-        """Return the film (`cosim.soft.geometry.named_mesh.NamedMesh`), in the flange's frame.
-
-        Its rings are the node sets; its lines are those that cables may lead through.
-
-        Raises:
-            InputError: there is no such film.
-        """
-        raise NotImplementedError
-
-
-@final
-@dataclass(frozen=True)
-class NodeSetTable(Table):
-    """Nodes of a mesh by a name, said in one of three ways.
-
-    Args:
-        name: of the set; base, tip, cables, supports and forces name it.
-        axis: of the flange's frame, with `at_m`: all nodes in a plane across it, in order around it.
-        at_m: where that plane is.
-        points_m: the nodes nearest to these points, in this order, such as those that a cable runs through.
-        group: the nodes of a named group of triangles of the file.
-    """
-
-    name: Name
-    axis: Literal["x", "y", "z"] | None = None
-    at_m: Length | None = None
-    points_m: tuple[Position, ...] = ()
-    group: Text | None = None
-
-    @rule
-    def _is_said_once(self) -> Told:
-        ways = (self.axis is not None, self.at_m is not None, bool(self.points_m), self.group is not None)
-        if ways not in ((True, True, False, False), (False, False, True, False), (False, False, False, True)):
-            yield "", "give axis and at_m, or points_m, or group, and one of these"
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class MeshTable(BodySourceTable):
-    """A film from a mesh file, its open ends closed by caps.
-
-    Args:
-        kind: of `[body]`.
-        file: STL or OBJ, beside the file that names it; counter-clockwise seen from outside, in the flange's
-            frame. The groups of an OBJ file (`g NAME`) are those that `[[group]]` gives their own film.
-        scale: multiplies the numbers of the file, such as 0.001 for a file in mm.
-        sets: `[[body.set]]` in the file.
-        tip: the set around the free end.
-    """
-
-    kind: Literal["mesh"] = "mesh"
-    file: Text
-    scale: Positive = 1.0
-    sets: Annotated[tuple[NodeSetTable, ...], Len(min_length=2)] = field(metadata={"alias": "set"})
-    tip: Name = "tip"
-
-    @rule
-    def _has_its_file(self) -> Told:
-        if not is_file(Path(self.file)):
-            yield "file", f"no file {quoted_name(self.file)} beside the one that names it"
-
-    @rule
-    def _has_its_tip(self) -> Told:
-        if self.tip not in self.set_names():
-            yield "tip", keys.unknown_name_message("set", self.tip, self.set_names())
-
-    def set_names(self) -> tuple[str, ...]:
-        """Return the names of the node sets."""
-        return tuple(entry.name for entry in self.sets)
-
-
-BodySourceTable.kinds["mesh"] = MeshTable
+UnitRange = tuple[Count, CountOrLast]
+LEAST_NODE_MASS_kg: Final = 1e-12
+ARM_CHAMBER: Final = "arm"
+"""Name of the gas chamber of a robot that carries others."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ElementTable(KindTable):
-    """Further elements of a soft robot.
+    """Custom elements of a soft robot.
 
     Args:
-        kind: of the elements; each kind has its own further keys.
+        kind: of the elements; each kind has further keys.
     """
 
     def element(self, body: Any) -> Any:
-        """Return the elements (`cosim.soft.elements.element.Element`) for a body (`SoftBody`) without them.
+        """Return the elements (`cosim.soft.elements.element.Element`) for a body.
+
+        Args:
+            body: a `SoftBody` without these elements.
 
         Raises:
-            InputError: the body has no such rings, or what else is asked for.
+            InputError: the table names a ring or other part that the body does not have.
         """
         raise NotImplementedError
 
@@ -168,8 +75,8 @@ class HingeTable(Table):
 
     Args:
         rule: "uniform": every hinge has the same spring constant (scaled on a refined mesh, so that the mean
-            energy of bending to a cylinder stays); "shell": each by the triangles beside it, so that the film
-            bends like a shell.
+            energy of bending to a cylinder is constant); "shell": the spring constant of a hinge follows from
+            its two triangles, so that the film bends like a shell.
         stiffness_factor: uniform: spring constant divided by E t^3 / 12 [N m/rad]; shell: flexural rigidity
             divided by E t^3 / (12 (1 - nu^2)).
         fold_barrier_rad: the moment grows steeply below this dihedral angle and above 2 pi minus it.
@@ -193,11 +100,11 @@ class StiffenerTable(Table):
         height_m: beam: of the section, along the stack.
         young_modulus_Pa: beam: of the material.
         poisson_ratio: beam: of the material.
-        density_kg_m3: beam: of the material; its mass comes to that of the ring's nodes.
-        strength_strain: beam: largest strain that the material bears; a phase that ends beyond it gives a
-            warning; omitted: none is given.
-        rest_on_one_another: beam: neighbouring frames come no nearer than they are high, with two films
-            between them, as in a stowed pack; otherwise they pass through one another.
+        density_kg_m3: beam: of the material; its mass is added to that of the ring's nodes.
+        strength_strain: beam: strain at which the material fails; a phase that ends above it gives a
+            warning; omitted: no warning.
+        rest_on_one_another: beam: whether neighbouring frames touch, at a distance of their height and two
+            films, as in a stowed pack; if not, they pass through one another.
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"
@@ -211,7 +118,7 @@ class StiffenerTable(Table):
     rest_on_one_another: bool = False
 
     @rule
-    def _is_a_beam(self) -> Told:
+    def _is_a_beam(self) -> Violations:
         for key in ("width_m", "height_m", "young_modulus_Pa"):
             given = getattr(self, key) is not None
             if given is not (self.kind == "beam"):
@@ -237,10 +144,6 @@ class MassTable(Table):
     seam_mass_kg: NonNegativeMass = 0.0
 
 
-UnitRange = tuple[Count, CountOrLast]
-LEAST_NODE_MASS_kg: Final = 1e-12
-
-
 @final
 @dataclass(frozen=True)
 class CableTable(Table):
@@ -253,17 +156,17 @@ class CableTable(Table):
         corner: 0 to sides - 1, of the first of its units; counted about the flange's z axis.
         corners_per_unit: by how many corners the cable turns about that axis from unit to unit; not 0: a
             spiral, which twists the stack.
-        units: first and last unit with an eyelet, counted from 1; "last" is the last of the stack, however
-            many it has.
+        units: first and last unit with an eyelet, counted from 1; "last" is the last unit of the stack.
         capstan_factor: tension beyond an eyelet divided by the tension before it.
         friction_coefficient: mu in exp(-mu * wrap angle) at each eyelet.
-        line: a set of nodes in order, base to tip, where no stack draws the film: without corner and units.
-        stiffness_N_m: tension per stretch of the whole cable; matters where its length is commanded, and
-            where it sticks at eyelets.
-        damping_Ns_m: tension per rate of that stretch, of a cable that creeps (Kelvin-Voigt), in time.
-        eyelet_loss_N: tension lost at each eyelet besides, whatever the tension.
-        losses: "one_way": tension falls from the base on, whichever way the cable slides, as in the paper's
-            model; "directed": against the way it slides, with separate stick and slip at each eyelet.
+        line: a set of nodes in order, base to tip, in place of corner and units if no stack draws the film.
+        stiffness_N_m: tension per stretch of the whole cable; it has an effect if the length is commanded,
+            and while the cable sticks at eyelets.
+        damping_Ns_m: tension per rate of that stretch (Kelvin-Voigt), in the dynamic mode.
+        eyelet_loss_N: constant loss of tension at each eyelet, in addition to the capstan loss.
+        losses: "one_way": tension falls from the base on, whatever the direction of sliding, as in the
+            paper's model; "directed": friction opposes the sliding, with separate stick and slip at each
+            eyelet.
     """
 
     name: Name
@@ -279,7 +182,7 @@ class CableTable(Table):
     losses: Literal["directed", "one_way"] = "one_way"
 
     @rule
-    def _runs_along_a_stack(self, robot: SoftRobotTable) -> Told:
+    def _runs_along_a_stack(self, robot: SoftRobotTable) -> Violations:
         if robot.stack is None:
             return
         if self.corner is None or self.units is None or self.line is not None:
@@ -295,7 +198,7 @@ class CableTable(Table):
             yield "units", f"[{first}, {last}] must run from a unit to a later one"
 
     @rule
-    def _runs_along_a_line(self, robot: SoftRobotTable) -> Told:
+    def _runs_along_a_line(self, robot: SoftRobotTable) -> Violations:
         if robot.stack is not None or robot.body is None:
             return
         names = robot.body.set_names()
@@ -305,7 +208,7 @@ class CableTable(Table):
             yield "line", keys.unknown_name_message("set", self.line, names)
 
     @rule
-    def _has_one_law_of_losses(self) -> Told:
+    def _has_one_law_of_losses(self) -> Violations:
         if (self.capstan_factor is None) == (self.friction_coefficient is None):
             given = "neither" if self.capstan_factor is None else "both"
             yield "", f"give capstan_factor or friction_coefficient; {given} is given"
@@ -313,17 +216,14 @@ class CableTable(Table):
             yield "eyelet_loss_N", "opposes the way the cable slides; it needs losses = 'directed'"
 
 
-ARM_CHAMBER: Final = "arm"
-"""Name of the gas chamber of a robot that carries others."""
-
-
 @final
 @dataclass(frozen=True)
 class CopiesTable(Table):
     """The robot several times on one flange, evenly spaced about its z axis, such as fingers on a palm.
 
-    Ring names mean the first copy, towards the flange's +x; the rings of copy k are called copy_k/NAME, and
-    copy_*/NAME means those of all. Cables come copy by copy; each copy has a gas chamber, copy_k.
+    A ring's name is that of the first copy, towards the flange's +x; the rings of copy k are called
+    copy_k/NAME, and copy_*/NAME names those of all. Cables are listed copy by copy; each copy has a gas
+    chamber, copy_k.
 
     Args:
         count: of the copies.
@@ -353,8 +253,7 @@ class PalmTable(Table):
         mass_kg: of the disc.
         rgba: colour: red, green, blue, opacity.
         friction: coefficient of sliding.
-        contact_time_s: in which a body that touches it comes to move with it; a held one slips in proportion.
-            A tick is taken where that is longer.
+        contact_time_s: time constant of the contact; a held body slips in proportion to it. At least a tick.
     """
 
     radius_m: PositiveLength
@@ -371,7 +270,7 @@ class PlateTable(Table):
     """A stiff plate between two soft robots.
 
     Args:
-        mass_kg: spread over the nodes that it joins.
+        mass_kg: spread over the joined nodes.
         stiffness_N_m: of the springs that keep its shape.
     """
 
@@ -387,9 +286,9 @@ class AttachmentTable(Table):
     Its rings, cables and chambers are called NAME/ and their own name.
 
     Args:
-        name: begins the names of all that it brings.
-        robot: in the file a table `{file = NAME, ...}` of changes to that file, as in a scenario; its own
-            `copies` stand about the axis of the tip.
+        name: prefix of its rings, cables and chambers.
+        robot: in the file a table `{file = NAME, ...}` of changes to that file, as in a scenario; its
+            `copies` are placed about the axis of the tip.
         height_m: of its origin beyond the tip ring, along the axis.
     """
 
@@ -399,17 +298,17 @@ class AttachmentTable(Table):
     plate: PlateTable = PlateTable()
 
     @rule
-    def _has_a_tip_to_be_on(self, robot: SoftRobotTable) -> Told:
+    def _has_a_tip_to_be_on(self, robot: SoftRobotTable) -> Violations:
         if robot.copies is not None:
             yield "", "cannot be combined with copies, which have no single tip"
 
     @rule
-    def _has_the_same_film(self, robot: SoftRobotTable) -> Told:
+    def _has_the_same_film(self, robot: SoftRobotTable) -> Violations:
         if self.robot.film != robot.film:
             yield "robot.film", f"differs from the film of '{robot.name}'; must not"
 
     @rule
-    def _has_the_same_barrier(self, robot: SoftRobotTable) -> Told:
+    def _has_the_same_barrier(self, robot: SoftRobotTable) -> Violations:
         barrier, own = self.robot.hinge.fold_barrier_rad, robot.hinge.fold_barrier_rad
         if barrier != own:
             yield Fault(
@@ -421,10 +320,10 @@ class AttachmentTable(Table):
 @final
 @dataclass(frozen=True)
 class FaceGroupTable(Table):
-    """A named group of triangles with its own film; a hinge between two films has the harmonic mean.
+    """A named group of triangles with a different film; a hinge between two films has the harmonic mean.
 
     Args:
-        name: as whatever draws the film calls the group.
+        name: of the group, in the mesh file or drawing.
         film: of its triangles.
     """
 
@@ -435,14 +334,14 @@ class FaceGroupTable(Table):
 @final
 @dataclass(frozen=True)
 class KnownTable(Table):
-    """How the values of a soft robot's file are known, by keys such as "film.thickness_m" or "cable".
+    """Origin of the values in a soft robot's file, by keys such as "film.thickness_m" or "cable".
 
-    The longest key that a value is under decides; of values under none nothing is said.
+    The longest key that contains a value decides; a value under no key has no stated origin.
 
     Args:
-        published: in the source that the file names.
-        measured: on the robot itself.
-        assumed: by whoever wrote the file.
+        published: values from the source that the file names.
+        measured: values measured on the robot.
+        assumed: values assumed by the author of the file.
     """
 
     published: tuple[Text, ...] = ()
@@ -450,21 +349,21 @@ class KnownTable(Table):
     assumed: tuple[Text, ...] = ()
 
     @rule
-    def _names_keys(self, robot: SoftRobotTable) -> Told:
+    def _names_keys(self, robot: SoftRobotTable) -> Violations:
         for entry in fields(self):
             for key in getattr(self, entry.name):
                 if not _has_key(robot, key.split(".")):
                     yield entry.name, f"names '{key}'; the robot has no such key"
 
     @rule
-    def _names_each_once(self) -> Told:
+    def _names_each_once(self) -> Violations:
         counts = Counter((*self.published, *self.measured, *self.assumed))
         for key in [key for key, count in counts.items() if count > 1][:1]:
             yield "", f"names '{key}' more than once"
 
 
 def _has_key(table: Any, parts: list[str]) -> bool:
-    """Return whether a table has a key; of a table that is left out, any."""
+    """Return whether a table has the key with these parts; true for a table that the file omits."""
     if isinstance(table, tuple):
         table = table[0] if table else None
     if table is None or not parts:
@@ -480,18 +379,19 @@ class SoftRobotTable(Table):
 
     Args:
         name: of the robot.
-        source: where its values come from, in words.
-        schema: number of the names of the keys; see that of scenarios.
-        stack: what draws the film, or `body` does.
-        body: what else may draw it: a mesh file, or a kind registered from Python.
-        groups: `[[group]]` in the file: triangles of `body` with their own film.
+        source: origin of its values, in words.
+        schema: number of the file format, see that of scenarios.
+        stack: a stack of units, which draws the film; or give `body`.
+        body: what draws the film in place of a stack: a mesh file, a cut pattern, or a kind registered from
+            Python.
+        groups: `[[group]]` in the file: triangles of `body` with a different film.
         base: rings clamped to the flange from the start, such as "unit_1.hole".
         cables: `[[cable]]` in the file, of one copy.
-        copies: how often, and where, all this is on the flange; omitted: once, along its z axis.
+        copies: number and placement of copies of the robot on the flange; omitted: one, along its z axis.
         attachments: `[[attach]]` in the file.
         palm: rigid plate that the soft parts are mounted on; omitted: none.
         elements: `[[element]]` in the file, of one copy; kinds are registered from Python.
-        known: how its values are known.
+        known: origin of its values.
     """
 
     name: Name
@@ -514,9 +414,9 @@ class SoftRobotTable(Table):
 
     @property
     def stored_m(self) -> float | None:
-        """Length of a single stack of units laid flat [m]: frame height and two films a unit.
+        """Stowed length of a single stack of units [m]: frame height and two films per unit.
 
-        Without frames each unit is as high as it is drawn. None for copies, attachments and other bodies.
+        Without frames each unit has its drawn height. None for copies, attachments and other bodies.
         """
         if self.stack is None or self.copies is not None or self.attachments:
             return None
@@ -525,7 +425,7 @@ class SoftRobotTable(Table):
 
     @property
     def frame_pitch_m(self) -> float:
-        """Distance of the frames of neighbouring units that rest on one another: a frame and two films."""
+        """Distance of neighbouring frames that rest on one another [m]: the frame's height and two films."""
         return (self.stiffener.height_m or 0.0) + 2.0 * self.film.thickness_m
 
     def cable_names(self) -> tuple[str, ...]:
@@ -540,7 +440,7 @@ class SoftRobotTable(Table):
     def chamber_names(self) -> tuple[str, ...]:
         """Return the names of all gas chambers: "chamber" ("arm" with attachments), or one for each copy.
 
-        A body with several chambers has them by their names, copy_k/NAME where there are copies.
+        A body with several chambers has their names, copy_k/NAME with copies.
         """
         drawn = (ONLY_CHAMBER,) if self.body is None else self.body.chamber_names()
         single = len(drawn) == 1
@@ -567,7 +467,7 @@ class SoftRobotTable(Table):
         )
 
     def sides_of(self, ring: str) -> int:
-        """Return how many corners a ring has, this robot's or that of an attachment; 0 for none."""
+        """Return the number of corners of a ring of this robot or of an attachment; 0 for rings without."""
         for part in self.attachments:
             if ring.startswith(f"{part.name}/"):
                 return part.robot.sides_of(ring.removeprefix(f"{part.name}/"))
@@ -580,13 +480,13 @@ class SoftRobotTable(Table):
 
     @property
     def triangles(self) -> int:
-        """How many triangles its mesh has, with its copies and attachments."""
+        """Number of triangles of its stacks, with copies and attachments; reading a mesh file has a bound."""
         copies = 1 if self.copies is None else self.copies.count
-        own = 0 if self.stack is None else self.stack.triangles  # mesh files have a bound of their own
-        return copies * own + sum(part.robot.triangles for part in self.attachments)
+        single = 0 if self.stack is None else self.stack.triangles
+        return copies * single + sum(part.robot.triangles for part in self.attachments)
 
     @rule
-    def _is_drawn_once(self) -> Told:
+    def _is_drawn_once(self) -> Violations:
         if self.stack is not None and self.body is not None:
             yield "body", "cannot be combined with stack; one draws the film"
         elif self.stack is None and self.body is None:
@@ -595,7 +495,7 @@ class SoftRobotTable(Table):
             yield "group", "a stack of units has no named groups of triangles"
 
     @rule
-    def _has_outer_rings(self) -> Told:
+    def _has_outer_rings(self) -> Violations:
         if self.stack is None and self.body is not None:
             if self.stiffener.kind != "none" and not self.body.has_frames():
                 yield "stiffener.kind", "is of stacks of units and of drawings with a layer FRAME"
@@ -605,8 +505,8 @@ class SoftRobotTable(Table):
                 yield "mass.seam_mass_kg", "is of stacks of units: they have outer rings"
 
     @rule
-    def _has_mass(self) -> Told:
-        size_m = 1.0 if self.stack is None else self.stack.unit_height_m  # of other films the mesh will tell
+    def _has_mass(self) -> Violations:
+        size_m = 1.0 if self.stack is None else self.stack.unit_height_m  # other films are checked as meshes
         film_mass = self.film.density_kg_m3 * self.film.thickness_m * size_m**2
         if self.mass.node_mass_kg < LEAST_NODE_MASS_kg and film_mass < LEAST_NODE_MASS_kg:
             yield Fault(
@@ -616,12 +516,12 @@ class SoftRobotTable(Table):
             )
 
     @rule
-    def _has_its_base(self) -> Told:
+    def _has_its_base(self) -> Violations:
         known = self.ring_names()
         for ring in [ring for ring in self.base if not keys.matching(ring, known)][:1]:
             yield "base", keys.unknown_name_message("ring", ring, known)
 
     @property
     def all_stacks(self) -> bool:
-        """Whether stacks of units draw all of it, what it carries included."""
+        """Whether stacks of units draw this robot and all its attachments."""
         return self.stack is not None and all(part.robot.all_stacks for part in self.attachments)

@@ -1,4 +1,4 @@
-"""Words for keys and values, as messages show them: paths, units, suggestions for unknown keys."""
+"""Words for messages: paths of keys, units, values, and suggestions for unknown keys and names."""
 
 import json
 import warnings
@@ -17,7 +17,6 @@ _MOVED: Final = (
     "Positive",
     "NonNegative",
     "Fraction",
-    "Share",
     "Pressure",
     "Count",
     "Vector3",
@@ -25,6 +24,20 @@ _MOVED: Final = (
     "Name",
     "Text",
 )
+_UNITS: Final = {
+    **{unit: unit for unit in ("m", "s", "rad", "kg", "K", "Hz", "N", "Pa", "W")},
+    "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
+    "m_s": "m/s", "rad_s": "rad/s",
+    "m3": "m^3",
+    "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
+}  # fmt: skip
+"""Unit as keys write it -> unit as people write it."""
+_FOREIGN: Final = (
+    "g_cm3", "hPa", "kPa", "MPa", "GPa", "mbar", "bar", "psi", "mm", "cm", "um", "mN", "kN", "ms", "us",
+    "min", "deg", "degrees", "g",
+)  # fmt: skip
+"""Units of other programs, recognised in unknown keys so that the message names the key's unit."""
+_ENDINGS: Final = sorted((*_UNITS, *_FOREIGN), key=len, reverse=True)
 
 
 def key_of(entry: Field[Any]) -> str:
@@ -33,20 +46,20 @@ def key_of(entry: Field[Any]) -> str:
 
 
 def join(path: str, key: str) -> str:
-    """Return the path of a key inside a table; a key that would not show is put in quotes, as in TOML."""
+    """Return the path of a key in a table; a key with spaces, dots or control characters is quoted as in TOML."""
     cut = key if len(key) <= LONGEST_KEY else f"{key[:LONGEST_KEY]}..."
     visible = cut if cut.isprintable() and cut and not set(key) & set(" .\"'") else json.dumps(cut)
     return f"{path}.{visible}" if path else visible
 
 
 def label(item: Any, index: int) -> str:
-    """Return the name of an entry of a list of tables, else (or if it is too long) its place from 1."""
+    """Return the name of an entry of a list of tables; its number from 1 if it has none or a too long one."""
     name = item.get("name") if isinstance(item, Mapping) else None
     return name if isinstance(name, str) and 0 < len(name) <= LONGEST_NAME else str(index)
 
 
 def shown(value: Any) -> str:
-    """Return a value as messages show it: texts in quotes, control characters escaped, long ones cut."""
+    """Return a value as messages show it: texts in quotes, control characters escaped, long values cut."""
     try:
         quoted = repr(value)
     except ValueError:  # a whole number of thousands of digits
@@ -70,16 +83,6 @@ def describe(value: Any) -> str:
     return f"{kind} {str(value).lower() if isinstance(value, bool) else shown(value)}"
 
 
-_UNITS: Final = {
-    **{unit: unit for unit in ("m", "s", "rad", "kg", "K", "Hz", "N", "Pa", "W")},
-    "Nm": "N m", "Nms": "N m s", "Nm2": "N m^2", "Nm2s": "N m^2 s", "per_s": "1/s", "m_s2": "m/s^2",
-    "m_s": "m/s", "rad_s": "rad/s",
-    "m3": "m^3",
-    "N_m": "N/m", "Ns_m": "N s/m", "N_m3": "N/m^3", "kg_m3": "kg/m^3", "kg_s": "kg/s", "kg_s_Pa": "kg/(s Pa)",
-}  # fmt: skip
-"""Units as keys write them, and as people do."""
-
-
 @cache
 def unit_of(key: str) -> str:
     """Return the longest unit that a key ends in, as keys write it; empty for a key without one."""
@@ -93,16 +96,13 @@ def unit_text(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
-_FOREIGN: Final = (
-    "g_cm3", "hPa", "kPa", "MPa", "GPa", "mbar", "bar", "psi", "mm", "cm", "um", "mN", "kN", "ms", "us",
-    "min", "deg", "degrees", "g",
-)  # fmt: skip
-"""Units that other programs use. The message names the key's own unit."""
-_ENDINGS: Final = sorted((*_UNITS, *_FOREIGN), key=len, reverse=True)
-
-
 def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
-    """Return what to say about a key that does not exist among the known ones."""
+    """Return the message for an unknown key.
+
+    Args:
+        key: the unknown key.
+        known: keys of the table.
+    """
     if len(key) > LONGEST_KEY:
         return f"has {len(key)} characters; keys have at most {LONGEST_KEY}"
     likely = likely_keys(key, known)
@@ -117,7 +117,7 @@ def unknown_key_message(key: str, known: tuple[str, ...]) -> str:
 
 
 def likely_keys(key: str, known: Sequence[str]) -> list[str]:
-    """Return which of the known keys may be meant by one that does not exist: by its stem, or its letters."""
+    """Return the known keys that an unknown one resembles, by its name without unit or by its letters."""
     if len(key) > LONGEST_KEY:
         return []
     stem = split_unit(key)[0].lower()
@@ -126,19 +126,25 @@ def likely_keys(key: str, known: Sequence[str]) -> list[str]:
 
 
 def unknown_name_message(kind: str, name: str, known: tuple[str, ...]) -> str:
-    """Return what to say about a name that does not exist among the known ones."""
+    """Return the message for an unknown name.
+
+    Args:
+        kind: of the named thing, such as "cable".
+        name: the unknown name.
+        known: names that exist.
+    """
     close = get_close_matches(name, known, n=1, cutoff=0.6) if len(name) <= LONGEST_NAME else []
     hint = f"; did you mean '{close[0]}'?" if close else ""
     return f"no {kind} {shown(name)}{hint}. There are: {listing(known)}".replace("?.", "?")
 
 
 def listing(names: Sequence[str]) -> str:
-    """Return names in one line, the middle of many left out."""
+    """Return names in one line; of more than 12 the first six and the last three."""
     return ", ".join(names if len(names) <= 12 else (*names[:6], "...", *names[-3:])) or "none"
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """Return the names that a name, group or pattern represents, in their order."""
+    """Return the names that match a name, group or pattern, in their order."""
     return [name for name in names if name.startswith(f"{pattern}/") or fnmatchcase(name, pattern)]
 
 
@@ -151,12 +157,12 @@ def split_unit(key: str) -> tuple[str, str]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return a type of values, which was here in the release before."""
+    """Return a type of values that moved to `cosim.config.toml.quantities`, with a warning."""
     if name not in _MOVED:
         raise AttributeError(f"module {__name__} has no attribute {name!r}")
     new = "cosim.config.toml.quantities"
     warnings.warn(
-        f"import {name} from {new}; {__name__} has it no longer in the next release",
+        f"import {name} from {new}; {__name__} will not have it in the next release",
         DeprecationWarning,
         stacklevel=2,
     )

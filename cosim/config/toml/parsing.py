@@ -1,4 +1,4 @@
-"""Makes dataclasses of tables by pydantic; a fault names the path, the value and what is allowed."""
+"""Turns tables into frozen dataclasses with pydantic. A fault names the path, the value and what is allowed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -37,11 +37,11 @@ Schema = TypeVar("Schema", bound=Table)
 
 
 class _Place(NamedTuple):
-    """Where a fault is.
+    """The key that a fault is about.
 
     Args:
-        above: path of what the key is in.
-        key: the name or place of an entry of a list; None: of the table itself.
+        above: path of the table or list that the key is in.
+        key: its name, or the name or number of an entry of a list; None: the table itself.
         value: as the file gives it.
         hint: type of the value.
         table: class of the innermost table that the key is in.
@@ -66,7 +66,7 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
         kind: a frozen dataclass whose annotations carry the constraints.
         table: as TOML gives it.
         path: of the table itself, for messages.
-        faults: what has been found before; all faults of the table come on top.
+        faults: found so far; gets all faults of the table.
 
     Raises:
         ScenarioError: with all faults, if there are any.
@@ -78,12 +78,12 @@ def parse(kind: type[Schema], table: Mapping[str, Any], path: str, faults: Fault
     except ValidationError as error:
         _note(kind, kept, path, error.errors(include_url=False, include_input=False), faults)
     faults.add_unread()
-    faults.tell()
+    faults.raise_all()
     return made
 
 
 def _note(kind: type[Table], kept: Any, path: str, errors: Sequence[ErrorDetails], faults: Faults) -> None:
-    """Note what pydantic has found, entries missing at the end of a list as one fault of the list."""
+    """Add the errors of pydantic to the faults; entries missing at the end of a list count as one fault."""
     found = {}
     for error in errors:
         short = error["type"] == "missing" and isinstance(error["loc"][-1], int)
@@ -92,9 +92,9 @@ def _note(kind: type[Table], kept: Any, path: str, errors: Sequence[ErrorDetails
             ("too_few", {"needed": error["loc"][-1]}) if short else (error["type"], error.get("ctx", {}))
         )
     for above in [loc[:depth] for loc in found for depth in range(1, len(loc))]:
-        found.pop(above, None)  # too short without the wrong entries: that follows from them
+        found.pop(above, None)  # the list is too short because of its wrong entries
     places = {loc: _place(kind, kept, loc, path) for loc in found}
-    meant = {  # a key that is there, but misspelt or by its old name, is not missing too
+    meant = {  # a misspelt key, or one with its old name, is not reported as missing as well
         words.join(place.above, key)
         for loc, place in places.items()
         if found[loc][0] == _UNKNOWN_KEY
@@ -102,12 +102,19 @@ def _note(kind: type[Table], kept: Any, path: str, errors: Sequence[ErrorDetails
     }
     for loc, place in places.items():
         problem, context = found[loc]
-        if not faults.leaves_out(place.path) and not (problem == "missing" and place.path in meant):
+        if not faults.is_unread(place.path) and not (problem == "missing" and place.path in meant):
             faults.add(place.path, _text(problem, context, place))
 
 
 def _place(kind: Any, value: Any, loc: Sequence[str | int], path: str) -> _Place:
-    """Return where a fault is; parts of `loc` that are no keys name one of several kinds of values."""
+    """Return the key of a fault from pydantic's location.
+
+    Args:
+        kind: class of the outermost table.
+        value: the table, as TOML gives it.
+        loc: keys, numbers in lists, and tags of unions.
+        path: of the table.
+    """
     place = _Place(path, None, value, kind, kind)
     for part in loc:
         holder = place.value
@@ -125,7 +132,7 @@ def _place(kind: Any, value: Any, loc: Sequence[str | int], path: str) -> _Place
 
 
 def _fitting(hint: Any, value: Any) -> list[Any]:
-    """Return the classes of tables that a value may be of; of several kinds, the one that it names."""
+    """Return the classes of tables that a value may belong to; of several kinds, the one that it names."""
     tables: list[Any] = list(tables_in(hint)) if isinstance(value, Mapping) else []
     named = [each for each in tables if getattr(each, "kind", None) == value.get("kind")] if tables else []
     return named or tables
@@ -139,18 +146,18 @@ def _hints(table: Any) -> dict[str, Any]:
 
 
 def _meant_keys(table: Any, key: str) -> list[str]:
-    """Return which keys of a table may be meant by one that does not exist."""
+    """Return the keys of a table that an unknown one resembles, or its new name."""
     new = RENAMED.get(table.__name__, {}).get(key)
     return [new] if new else words.likely_keys(key, tuple(_hints(table)))
 
 
 def _text(problem: str, context: Mapping[str, Any], place: _Place) -> str:
-    """Return what is wrong with a value and what is allowed.
+    """Return the message for a fault: what is wrong with the value, and what is allowed.
 
     Args:
-        problem: pydantic's name of it.
+        problem: pydantic's name of the error.
         context: numbers and words that pydantic gives with it.
-        place: where it is.
+        place: key of the fault.
     """
     value, table = place.value, place.table
     if problem == "missing":
@@ -179,7 +186,7 @@ def _text(problem: str, context: Mapping[str, Any], place: _Place) -> str:
 
 
 def _bounds_text(hint: Any, problem: str, context: Mapping[str, Any]) -> str:
-    """Return the bounds of a number in words: those of its type that hold the one that is broken."""
+    """Return the bounds of a number in words, from the interval of its type that is violated."""
     key, _ = _BOUNDS[problem]
     bounds = next(each for each in _intervals(hint) if getattr(each, key) == context[key])
     if bounds.ge is not None and bounds.le is not None and bounds.ge == -bounds.le:
@@ -195,7 +202,7 @@ def _intervals(hint: Any) -> Iterator[Any]:
 
 
 def _union_text(place: _Place, context: Mapping[str, Any]) -> str:
-    """Return which of several kinds of values, or kinds of tables, are allowed."""
+    """Return the message for a value of a wrong kind: the kinds of values, or of tables, that are allowed."""
     value = place.value
     if context["discriminator"] == "'kind'":
         given = words.describe(value["kind"]) if "kind" in value else "missing"

@@ -1,7 +1,5 @@
-"""Types of the values in files: vectors, names, texts, and numbers within what their unit can mean here.
-
-A number that must be above 0 is at least the smallest one of its unit, so that nothing is divided by almost
-zero.
+"""Types of the values in files: vectors, names, texts, and numbers with bounds that suit their unit. A number
+that must be above 0 has a smallest value of its unit, so that nothing is divided by almost zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,50 +25,13 @@ PATTERNS: Final = {
 """Patterns of texts, each in words for messages."""
 
 Value = TypeVar("Value")
-
-
-def _current(value: Any) -> Any:
-    if value == SCHEMA - 1 and not isinstance(value, bool):
-        raise ValueError(f"is {value}, that of older files; {REMEDY}")
-    if type(value) is not int or value != SCHEMA:
-        raise ValueError(f"got {describe(value)}; allowed: {SCHEMA}")
-    return value
-
-
-def _with_direction(vector: Any) -> Any:
-    if sum(component * component for component in vector) <= LEAST_DIRECTION**2:
-        raise ValueError(f"{list(vector)} has no direction; must not be zero")
-    return vector
-
-
-def _increasing(values: Sequence[float]) -> Sequence[float]:
-    if not all(first < second for first, second in pairwise(values)):
-        raise ValueError(f"{list(values)} must increase from entry to entry")
-    return values
-
-
-def _shape(value: Any) -> str:
-    """Return for which of several kinds of values one is meant, as messages call it."""
-    return (
-        "a list"
-        if isinstance(value, list | tuple)
-        else "a table"
-        if isinstance(value, Mapping)
-        else "a value"
-    )
-
-
-def _word(value: Any) -> str:
-    return "a word" if isinstance(value, str) else "a number"
-
-
 # without a unit
 Number = Annotated[float, Interval(ge=-1e12, le=1e12)]
 Positive = Annotated[float, Interval(gt=0.0, ge=1e-12, le=1e12)]
 NonNegative = Annotated[float, Interval(ge=0.0, le=1e12)]
 Fraction = Annotated[float, Interval(gt=0.0, ge=1e-12, lt=1.0)]
 UpToOne = Annotated[float, Interval(gt=0.0, ge=1e-12, le=1.0)]
-Share = Annotated[float, Interval(ge=0.0, le=1.0)]
+ZeroToOne = Annotated[float, Interval(ge=0.0, le=1.0)]
 Count = Annotated[int, Interval(ge=1, le=1_000_000)]
 # m
 Length = Annotated[float, Interval(ge=-100.0, le=100.0)]
@@ -117,16 +78,52 @@ NonNegativeStiffness = Annotated[float, Interval(ge=0.0, le=1e12)]
 PositiveDamping = Annotated[float, Interval(gt=0.0, ge=1e-12, le=1e9)]
 NonNegativeDamping = Annotated[float, Interval(ge=0.0, le=1e9)]
 PositiveContactStiffness = Annotated[float, Interval(gt=0.0, ge=1e-3, le=1e15)]
-
 Vector3 = tuple[Number, Number, Number]
 Position = tuple[Length, Length, Length]
+Colour = tuple[ZeroToOne, ZeroToOne, ZeroToOne, ZeroToOne]
+Name = Annotated[str, Len(max_length=LONGEST_NAME), Field(pattern=NAME_PATTERN)]
+Text = Annotated[str, Field(pattern=TEXT_PATTERN)]
+
+
+def _current(value: Any) -> Any:
+    if value == SCHEMA - 1 and not isinstance(value, bool):
+        raise ValueError(f"is {value}, that of older files; {REMEDY}")
+    if type(value) is not int or value != SCHEMA:
+        raise ValueError(f"got {describe(value)}; allowed: {SCHEMA}")
+    return value
+
+
+def _with_direction(vector: Any) -> Any:
+    if sum(component * component for component in vector) <= LEAST_DIRECTION**2:
+        raise ValueError(f"{list(vector)} has no direction; must not be zero")
+    return vector
+
+
+def _increasing(values: Sequence[float]) -> Sequence[float]:
+    if not all(first < second for first, second in pairwise(values)):
+        raise ValueError(f"{list(values)} must increase from entry to entry")
+    return values
+
+
+def _shape(value: Any) -> str:
+    """Return the tag of a value in a union, as messages call it: "a list", "a table" or "a value"."""
+    return (
+        "a list"
+        if isinstance(value, list | tuple)
+        else "a table"
+        if isinstance(value, Mapping)
+        else "a value"
+    )
+
+
+def _word(value: Any) -> str:
+    return "a word" if isinstance(value, str) else "a number"
+
+
 Direction = Annotated[Vector3, AfterValidator(_with_direction)]
 Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_with_direction)]
 Increasing: Final = AfterValidator(_increasing)
-Colour = tuple[Share, Share, Share, Share]
 SchemaNumber = Annotated[Literal[2], BeforeValidator(_current)]
-Name = Annotated[str, Len(max_length=LONGEST_NAME), Field(pattern=NAME_PATTERN)]
-Text = Annotated[str, Field(pattern=TEXT_PATTERN)]
 
 OneOrEach: TypeAlias = Annotated[
     Annotated[Value, Tag("a value")] | Annotated[tuple[Value, ...], Tag("a list")], Discriminator(_shape)

@@ -1,4 +1,6 @@
-"""Reads TOML files, which may be anybody's, and sets values in tables by key path, as `--set` does."""
+"""Reads TOML files, which may come from anybody, within bounds, and sets values in tables by key path
+(`--set`).
+"""
 
 import sys
 import tomllib
@@ -16,7 +18,7 @@ DEEPEST: Final = 24
 LONGEST_TEXT: Final = 10_000
 LONGEST_LIST: Final = 10_000
 LARGEST_INTEGER: Final = 2**63 - 1
-"""What TOML asks every reader to hold."""
+"""Largest integer that TOML requires of every reader."""
 
 
 def read_table(path: Path) -> dict[str, Any]:
@@ -39,13 +41,13 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def plain(value: Any, path: str, unread: dict[str, str], depth: int = 0) -> Any:
-    """Return a copy in tables and lists, also of tuples and arrays; what is too large to be read is left out.
+    """Return a copy of a value in dicts and lists, with None for values that are too large to be read.
 
     Args:
-        value: as TOML gives it, or Python.
-        path: of it.
-        unread: gets what is deeper, longer or larger than the program can hold, and why, by its path.
-        depth: of the value in the table that is read.
+        value: from TOML or Python, also tuples and arrays.
+        path: of the value.
+        unread: path -> reason; gets values that are nested too deeply, too long or too large.
+        depth: of the value in its table.
     """
     problem = _problem(value, depth)
     if problem is not None:
@@ -92,12 +94,17 @@ def parse_assignment(text: str) -> tuple[str, Any]:
 def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
     """Set one value in nested tables, in place.
 
-    Lists of tables are entered by the entry's name or by its place, counted from 1:
+    An entry of a list of tables is addressed by its name or its number, counted from 1:
     `phase.inflate.pressure_Pa` or `phase.2.pressure_Pa`. A table that gets another kind loses its other keys.
 
+    Args:
+        table: as TOML gives it; changed in place.
+        path: of the key.
+        value: of the key.
+
     Raises:
-        ScenarioError: the path enters something that is neither a table nor a list of tables, or has a place
-            in brackets.
+        ScenarioError: a part of the path is neither a table nor a list of tables, or has an index in
+            brackets.
     """
     if "[" in path:
         _refuse_brackets(table, path)
@@ -115,7 +122,7 @@ def apply_override(table: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _refuse_brackets(table: dict[str, Any], path: str) -> None:
-    """Refuse a place in brackets within a path, if there is a list there; say how to write it instead."""
+    """Refuse an index in brackets, such as phase[1], if the key is a list; the message has the right path."""
     key, _, rest = path.partition("[")
     place, _, rest = rest.partition("]")
     here: Any = deepcopy(table)  # a table that is not there is entered too
@@ -133,7 +140,7 @@ def _refuse_brackets(table: dict[str, Any], path: str) -> None:
 
 
 def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with `changes` on top; tables of one kind merge key by key, all else is replaced."""
+    """Return `base` with `changes` on top: tables of equal kind are merged by key, other values replaced."""
     merged = dict(base)
     for key, value in changes.items():
         old = merged.get(key)
@@ -145,7 +152,7 @@ def merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _other_kind(table: Mapping[str, Any], changes: Mapping[str, Any]) -> bool:
-    """Return whether a table gets another kind than the one it says, whose keys may be others."""
+    """Return whether changes give a table another kind, whose keys may differ."""
     return "kind" in table and "kind" in changes and table["kind"] != changes["kind"]
 
 

@@ -1,4 +1,4 @@
-"""Faults of a file, collected to be reported together, and the rules that tables have beside their fields."""
+"""Collects the faults of a file so that they are reported together, and checks the rules of tables."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,41 +20,46 @@ class Fault(NamedTuple):
 
 @final
 class Faults:
-    """Collects faults: `with faults:` notes what is raised within, and continues after it."""
+    """Collects faults: `with faults:` adds those of a ScenarioError raised within, and suppresses it."""
 
     def __init__(self) -> None:
         self._found: dict[Fault, None] = {}
         self.unread: dict[str, str] = {}
-        """What cannot be read, by its path; the text is empty where the fault is noted already."""
+        """Path of an unreadable value -> reason; the reason is empty if the fault is already in the list."""
 
     def __enter__(self) -> None:
-        """Begin something that may raise ScenarioError."""
+        """Enter a block that may raise ScenarioError."""
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool:
-        """Note a ScenarioError."""
+        """Add the faults of a ScenarioError, and suppress it."""
         if isinstance(error, ScenarioError):
             for fault in error.faults:
                 self.add(*fault)
         return isinstance(error, ScenarioError)
 
     def add(self, path: str, message: str) -> None:
-        """Note what is wrong with a key, once."""
+        """Add a fault; the same fault is added once.
+
+        Args:
+            path: of the key.
+            message: what is wrong with it.
+        """
         self._found[Fault(path, message)] = None
 
-    def leaves_out(self, path: str) -> bool:
-        """Return whether a key, or what it is in, cannot be read."""
+    def is_unread(self, path: str) -> bool:
+        """Return whether a key, or a table that it is in, could not be read."""
         return any(_within(path, each) for each in self.unread)
 
     def add_unread(self) -> None:
-        """Note what cannot be read, where nothing else is wrong with what it is in."""
+        """Add a fault for each unreadable value whose table has no other fault."""
         for path, problem in self.unread.items():
             if problem and not any(_within(path, found.path) for found in self._found):
                 self.add(path, problem)
 
-    def tell(self) -> None:
-        """Raise what was found.
+    def raise_all(self) -> None:
+        """Raise the faults that were found, as one error.
 
         Raises:
             ScenarioError: with all faults, if there are any.
@@ -68,19 +73,19 @@ def _within(path: str, above: str) -> bool:
     return path == above or path.startswith(f"{above}.")
 
 
-Told: TypeAlias = Iterator[Fault | tuple[str, str]]
-"""What a rule yields: for each fault the key within its table; "" is the table itself."""
+Violations: TypeAlias = Iterator[Fault | tuple[str, str]]
+"""Faults that a rule yields: the key within its table ("" for the table itself), and what is wrong."""
 
-Rule = TypeVar("Rule", bound=Callable[..., Told])
-RuleOn: TypeAlias = tuple[Any, Callable[..., Told]]
+Rule = TypeVar("Rule", bound=Callable[..., Violations])
+RuleOn: TypeAlias = tuple[Any, Callable[..., Violations]]
 """The class of tables that a rule is on, and the rule."""
 
 
 def rule(told: Rule) -> Rule:
-    """Mark a rule: a method of a table, or a function whose first argument is one.
+    """Mark a rule: a method of a table, or a function whose first argument is a table.
 
-    A second argument is what the table is in: the scenario, or the soft robot whose file it is part of (the
-    tables with a `schema`). Rules are checked once all values are right by themselves.
+    If the rule has a second argument, that is the table with a `schema` that contains the first: the
+    scenario, or the soft robot. Rules are checked after all values have passed their types and bounds.
     """
     told.__dict__["is_rule"] = True
     return told
@@ -93,10 +98,10 @@ def rules_of(module: Mapping[str, Any]) -> tuple[RuleOn, ...]:
 
 
 @cache
-def _rules_on(kind: Any, rules: tuple[RuleOn, ...]) -> tuple[Callable[..., Told], ...]:
-    """Return those of the rules that are on a class of tables, then its own."""
-    own = (entry for each in kind.__mro__ for entry in vars(each).values() if hasattr(entry, "is_rule"))
-    return (*(told for on, told in rules if issubclass(kind, on)), *own)
+def _rules_on(kind: Any, rules: tuple[RuleOn, ...]) -> tuple[Callable[..., Violations], ...]:
+    """Return the given rules that apply to a class of tables, then the rules that are its methods."""
+    methods = (entry for each in kind.__mro__ for entry in vars(each).values() if hasattr(entry, "is_rule"))
+    return (*(check_rule for on, check_rule in rules if issubclass(kind, on)), *methods)
 
 
 def check(table: Any, path: str, around: Any, rules: tuple[RuleOn, ...], faults: Faults) -> None:
@@ -105,40 +110,40 @@ def check(table: Any, path: str, around: Any, rules: tuple[RuleOn, ...], faults:
     Args:
         table: a dataclass.
         path: of the table.
-        around: what it is in.
-        rules: further ones, on classes of tables.
-        faults: gets the rules that are broken.
+        around: the scenario or soft robot that contains the table; None for the outermost.
+        rules: that are not methods of tables.
+        faults: gets the broken rules.
     """
     kind: Any = type(table)
-    for told in _rules_on(kind, rules):
+    for check_rule in _rules_on(kind, rules):
         with faults:
-            for key, problem in told(*(table, around)[: told.__code__.co_argcount]):
+            for key, problem in check_rule(*(table, around)[: check_rule.__code__.co_argcount]):
                 faults.add(".".join(filter(None, (path, key))), problem)
     parts = fields(table)
     inner = table if any(entry.name == "schema" for entry in parts) else around
     for entry in parts:
-        value, here = getattr(table, entry.name), join(path, key_of(entry))
+        value, inner_path = getattr(table, entry.name), join(path, key_of(entry))
         if is_dataclass(value):
-            check(value, here, inner, rules, faults)
+            check(value, inner_path, inner, rules, faults)
         elif isinstance(value, tuple) and value and is_dataclass(value[0]):
             seen = set[str]()
             for number, each in enumerate(value, start=1):
-                place = join(here, getattr(each, "name", str(number)))
-                if place in seen:
-                    faults.add(place, "the name is used twice; names must differ")
-                seen.add(place)
-                check(each, place, inner, rules, faults)
+                entry_path = join(inner_path, getattr(each, "name", str(number)))
+                if entry_path in seen:
+                    faults.add(entry_path, "the name is used twice; names must differ")
+                seen.add(entry_path)
+                check(each, entry_path, inner, rules, faults)
 
 
 @contextmanager
-def blamed_on(path: str) -> Iterator[None]:
-    """Turn every refusal within into one that names a key; those that name one already stay.
+def errors_at(path: str) -> Iterator[None]:
+    """Turn an InputError raised within into a ScenarioError of a key; a ScenarioError passes unchanged.
 
     Args:
         path: of the key.
 
     Raises:
-        ScenarioError: instead of any other InputError.
+        ScenarioError: in place of an InputError.
     """
     try:
         yield

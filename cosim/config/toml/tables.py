@@ -1,7 +1,6 @@
-"""Base classes of all tables: strict frozen dataclasses that pydantic reads, and tables of several kinds.
-
-A family of kinds, such as that of `[[element]]`, is a direct subclass of `KindTable`. Its kinds are its
-subclasses, and are known once they are registered.
+"""Base classes of all tables: strict frozen dataclasses that pydantic reads, and tables of several kinds. A
+family of kinds, such as that of `[[element]]`, is a direct subclass of `KindTable`. Its kinds are its
+subclasses; files may use them once they are registered.
 """
 
 from collections.abc import Iterator, Mapping
@@ -20,13 +19,13 @@ from cosim.errors import InputError
 
 
 class Table:
-    """A table of a file: a frozen dataclass; nothing is converted, and no key is passed over."""
+    """A table of a file: a frozen dataclass. Values are not converted, and unknown keys are faults."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Return the JSON Schema with the texts of the docstring and the units of the keys."""
+        """Return the JSON Schema, with descriptions from the docstring and units from the keys."""
         reference = handler(core)
         table = handler.resolve_ref_schema(reference)
         if "properties" not in table:  # a family of kinds
@@ -48,7 +47,7 @@ class Table:
 
 @cache
 def adapter_of(kind: Any) -> TypeAdapter[Any]:
-    """Return what makes a dataclass of a table."""
+    """Return the pydantic adapter that turns a table into a dataclass."""
     return TypeAdapter(kind)
 
 
@@ -57,7 +56,7 @@ class KindTable(Table):
     """A table of one of several kinds.
 
     Args:
-        kind: its name; the default of the field is that of the kind.
+        kind: name of the kind; a subclass gives it as the default of this field.
     """
 
     kinds: ClassVar[dict[str, type["KindTable"]]]
@@ -70,7 +69,7 @@ class KindTable(Table):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return the schema of one kind, or of any that is registered, told apart by the key `kind`."""
+        """Return the schema of a kind; of a family, a union of its registered kinds with `kind` as tag."""
         if KindTable not in cls.__bases__:
             return handler(source)
         if not cls.kinds:
@@ -82,20 +81,20 @@ class KindTable(Table):
 def _unknown_kind(value: Any) -> Any:
     if isinstance(value, Mapping) and "kind" in value:
         raise ValueError(
-            f"kind {keys.shown(value['kind'])} is not known; there are: none; make it known by --import "
-            "MODULE, or from Python by cosim.register_kind"
+            f"kind {keys.shown(value['kind'])} is not known; there are: none; register it with --import "
+            "MODULE, or from Python with cosim.register_kind"
         )
     return value
 
 
 def name_of(table: type[KindTable]) -> str | None:
-    """Return the name of a kind; None for a family of kinds."""
+    """Return the name of a kind of tables; None for a family of kinds."""
     default = next(entry.default for entry in fields(table) if entry.name == "kind")
     return default if isinstance(default, str) else None
 
 
 def register_kind(table: type[KindTable]) -> None:
-    """Let files have a kind of tables, from the next file on that is read.
+    """Register a kind of tables, so that files which are read afterwards may use it.
 
     Args:
         table: a frozen dataclass; the default of its `kind` is the name of the kind.
@@ -120,7 +119,7 @@ def _kind_place(table: type) -> str:
 
 
 def tables_in(hint: Any) -> Iterator[type[Table]]:
-    """Yield the classes of tables in a type, such as that of a field; of a family, all its kinds."""
+    """Yield the classes of tables in a type annotation; of a family, all its kinds."""
     if isinstance(hint, type) and issubclass(hint, Table):
         family = issubclass(hint, KindTable) and KindTable in hint.__bases__
         yield from getattr(hint, "kinds", {}).values() or [hint] if family else [hint]

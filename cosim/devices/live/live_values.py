@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, chain
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, final
 
-from cosim.config.rules import gas_rules
+from cosim.config.gas_rules import gas_rules
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers, over
 from cosim.devices.drives import LiveOrders, Order, PumpDrive

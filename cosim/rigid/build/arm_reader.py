@@ -14,10 +14,10 @@ import numpy as np
 
 from cosim.base.arm_file import FIXED, ArmFile
 from cosim.base.frames import Array, Pose
-from cosim.config import arm_files, arm_table
+from cosim.config import arm_files
 from cosim.config.arm_files import ArmSource
 from cosim.errors import InputError
-from cosim.rigid.build import mjcf_files
+from cosim.rigid.build import mjcf_files, mounting
 from cosim.rigid.build.arm_tree import Chain, way_to_flange
 from cosim.rigid.build.mjcf_arm import MjcfArm
 from cosim.rigid.build.urdf_arm import UrdfArm, find_meshes, replace_unreadable, urdf_spec
@@ -61,7 +61,7 @@ def read_arm(source: ArmSource) -> ArmFile:
     arm = _arm_of(chain, names, limits, source)
     files = (*source.files, *chain.files, *meshes)
     notes += arm_files.assumed(source.table.limits.assumed)
-    return arm_table.on_moving_base(replace(arm, files=files, notes=tuple(notes)), source.table.base)
+    return mounting.on_moving_base(replace(arm, files=files, notes=tuple(notes)), source.table.base)
 
 
 def _arm_of(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSource) -> ArmFile:
@@ -76,7 +76,7 @@ def _arm_of(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSour
     table, flange = source.table, chain.flange
     home, known = _home(chain, names, limits, source)
     if table.adapter is not None:
-        flange = arm_table.add_adapter(chain.robot, flange, table.adapter, source.path)
+        flange = mounting.add_adapter(chain.robot, flange, table.adapter, source.path)
     armature = _of_joints(table.servos.armature, "servos.armature", names, source)
     if armature is None:
         armature = np.zeros(0) if chain.armature is None else chain.armature

@@ -13,11 +13,11 @@ import numpy as np
 from cosim.base.arm_file import FIXED, LinkShape
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.config.arm_files import ArmSource
-from cosim.config.arm_table import add_inertial, add_joint, text_of
 from cosim.errors import InputError
 from cosim.rigid.build import description, mjcf_files
 from cosim.rigid.build.arm_tree import ROOT, Chain, Way
 from cosim.rigid.build.object_bodies import GEOM_TYPES, SHAPES, mesh_of
+from cosim.rigid.build.urdf_elements import add_inertial, add_joint, text_of
 
 _GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
 _HIDDEN_GROUP: Final = 3

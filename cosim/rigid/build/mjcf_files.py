@@ -22,7 +22,7 @@ import numpy as np
 from cosim.base.files import note_file
 from cosim.base.frames import Array
 from cosim.base.resources import is_file
-from cosim.config.robot_files import check_depth, read_xml
+from cosim.config.xml_files import check_depth, read_xml
 from cosim.errors import InputError, InstabilityError
 
 

@@ -16,10 +16,10 @@ import numpy as np
 from cosim.base.arm_file import FIXED, MOVING
 from cosim.base.files import note_file
 from cosim.base.frames import Pose
-from cosim.config import arm_table, robot_files
+from cosim.config import packages, xml_files
 from cosim.config.arm_files import ArmSource
 from cosim.errors import InputError
-from cosim.rigid.build import mjcf_files
+from cosim.rigid.build import mjcf_files, urdf_elements
 from cosim.rigid.build.arm_tree import ROOT, Chain, Way
 
 MOST_LINKS: Final = 500
@@ -60,7 +60,7 @@ class UrdfArm:
         robot, path, links = self._robot, self._source.path, {ROOT, *way.bodies}
         left_out = []
         for element in list(robot):
-            moved = arm_table.link_of(element, "child") if element.tag == "joint" else element.get("name")
+            moved = urdf_elements.link_of(element, "child") if element.tag == "joint" else element.get("name")
             if element.tag in ("link", "joint") and moved in links:
                 continue
             if element.tag != "material":
@@ -68,7 +68,7 @@ class UrdfArm:
             masses = [mass.get("value", "0").strip() for mass in element.iter("mass")]
             if element.tag == "link" and any(mass not in ("0", "0.0") for mass in masses):
                 left_out.append(element.get("name", ""))
-        joints = {arm_table.link_of(joint, "child"): joint for joint in robot.findall("joint")}
+        joints = {urdf_elements.link_of(joint, "child"): joint for joint in robot.findall("joint")}
         chain = tuple(joints[body] for body in way.bodies if body in joints)
         for joint in chain:
             where = f"arm file {path}: joint {joint.get('name')!r}"
@@ -98,7 +98,7 @@ def urdf_spec(robot: ElementTree.Element, path: Path) -> mujoco.MjSpec:
 
 
 def _read_robot(path: Path) -> ElementTree.Element:
-    robot = robot_files.read_xml(path)
+    robot = xml_files.read_xml(path)
     if path.suffix == ".xacro" or any(_XACRO in element.tag for element in robot.iter()):
         plain = path.with_suffix("") if path.suffix == ".xacro" else path.with_suffix(".plain.urdf")
         shown = plain if plain.suffix == ".urdf" else plain.with_suffix(".urdf")
@@ -139,7 +139,7 @@ def find_meshes(robot: ElementTree.Element, source: ArmSource) -> tuple[Path, ..
     found: dict[Path, None] = {}
     for mesh in robot.iter("mesh"):
         try:
-            file = robot_files.found_file(mesh.get("filename", ""), source.path, source.package_folders)
+            file = packages.resolve_file(mesh.get("filename", ""), source.path, source.package_folders)
         except InputError as error:
             raise InputError(f"arm file {source.path}: mesh {error}") from None
         mesh.set("filename", str(file))
@@ -213,6 +213,8 @@ def _add_box(link: ElementTree.Element, model: mujoco.MjModel) -> bool:
         return False
     edges = np.sqrt(np.maximum(6.0 * (moments.sum() - 2.0 * moments) / mass, _THINNEST_M**2))
     shape = ElementTree.SubElement(link, "collision")
-    arm_table.add_origin(shape, Pose.from_quaternion(body.iquat, body.ipos))
-    ElementTree.SubElement(ElementTree.SubElement(shape, "geometry"), "box", size=arm_table.text_of(edges))
+    urdf_elements.add_origin(shape, Pose.from_quaternion(body.iquat, body.ipos))
+    ElementTree.SubElement(
+        ElementTree.SubElement(shape, "geometry"), "box", size=urdf_elements.text_of(edges)
+    )
     return True
