@@ -31,7 +31,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from benchmarks.paper_figures import FIGURES, Row, Runs
-from cosim.build.soft_body import published_robot
+from cosim.build.paper_model import published_robot
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable

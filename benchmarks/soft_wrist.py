@@ -18,7 +18,7 @@ import numpy as np
 
 import cosim
 from cosim.bench.known_answers import tube
-from cosim.build.soft_body import NamedBody
+from cosim.build.given_body import NamedBody
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges

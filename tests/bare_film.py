@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from cosim.build.soft_body import published_robot
+from cosim.build.paper_model import published_robot
 from cosim.config.loading import load_scenario
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.scenario import Scenario

@@ -18,7 +18,7 @@ from cosim.results.result import ResultBuilder, RunResult
 from cosim.telemetry.figures import branching_lines, standing_lines
 
 if TYPE_CHECKING:
-    from cosim.build.soft_body import AnyBody
+    from cosim.build.given_body import AnyBody
     from cosim.devices.controller import AnyController
 
 

@@ -26,7 +26,7 @@ from cosim.devices.controller import Command, row_of_numbers
 from cosim.errors import InputError, SolverError
 
 if TYPE_CHECKING:
-    from cosim.build.soft_body import AnyBody
+    from cosim.build.given_body import AnyBody
     from cosim.coupling.schemes.ledger import LedgerEntry
     from cosim.devices.controller import Measurement
     from cosim.plan.plan import SoftCommand

@@ -41,7 +41,7 @@ from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_m
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.build.soft_body import AnyBody, NamedBody
+    from cosim.build.given_body import AnyBody, NamedBody
     from cosim.stepping.stepped_run import FindsErrors, SteppedRun
 
 
@@ -475,7 +475,7 @@ def named_body(body: AnyBody | None) -> NamedBody | None:
     """
     if body is None:
         return None
-    from cosim.build.soft_body import NamedBody  # here, as few runs need the film's engine so early
+    from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
 
     return NamedBody.of(deepcopy(body))  # whoever gave it may write to its arrays
 

@@ -28,7 +28,7 @@ from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.build.soft_body import AnyBody
+    from cosim.build.given_body import AnyBody
     from cosim.devices.controller import AnyController, Command, Measurement
     from cosim.stepping.stepped_run import SteppedRun
 

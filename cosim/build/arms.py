@@ -1,8 +1,5 @@
-"""Arms and cells by name and by file, read so that both engines are given the same one; no engine is loaded.
-
-Gives refusals of the sides, which know no keys, the path of the key that they are about.
-
-The cell of a scenario, as the rigid side wants it.
+"""Finds the arm and the cell of a scenario by name or path, and reads them. MuJoCo and Pinocchio are imported
+only if needed.
 """
 
 from dataclasses import replace
@@ -26,11 +23,11 @@ if TYPE_CHECKING:
 
 
 def placed_arm(robot: str, base: arm_table.BaseTable | None) -> ArmFile:
-    """Return an arm where a scenario puts it.
+    """Return an arm at its base in a scenario.
 
     Args:
         robot: see `find_arm`.
-        base: where its root link stands, and what moves it; None: as its own file says.
+        base: pose of its root link, and the rails and turntables under it; None: those of the arm's file.
 
     Raises:
         InputError: see `find_arm`.
@@ -43,21 +40,21 @@ def placed_arm(robot: str, base: arm_table.BaseTable | None) -> ArmFile:
 
 
 def find_arm(robot: str) -> ArmFile:
-    """Return an arm.
+    """Return an arm, with a home if its file has none.
 
     Args:
         robot: one of `cosim.base.resources.list_arms()`, or the path of a URDF, an MJCF or an `arm.toml`.
 
     Raises:
-        InputError: no such arm, or its files are not usable.
+        InputError: there is no such arm, or its files are not usable.
         ScenarioError: keys or values of an `arm.toml` are wrong.
     """
-    from cosim.rigid.build.arm_reader import read_arm  # here: scenarios without an arm need no MuJoCo
+    from cosim.rigid.build.arm_reader import read_arm  # imported here so that no arm means no MuJoCo
 
     arm = read_arm(arm_files.arm_source(robot))
     if arm.home_known:
         return arm
-    from cosim.kinematics.arm import Arm  # here: an arm with a home needs no Pinocchio
+    from cosim.kinematics.arm import Arm  # imported here: an arm with a home needs no Pinocchio
     from cosim.kinematics.inverse_kinematics import far_from_singularities
 
     notes = (*arm.notes, "home found far from singularities")
@@ -77,10 +74,10 @@ def cell_of(scene: SceneTable) -> "Cell":
 
 
 def motion_of(scenario: Scenario, cell: "Cell | None") -> CellMotion | None:
-    """Return how the phases drive a scenario's cell; None where it has no joints.
+    """Return the motion of a cell's joints that the phases prescribe; None for a cell without joints.
 
     Raises:
-        ScenarioError: there is no such joint, or it cannot go there.
+        ScenarioError: a phase names an unknown joint, or a position beyond its limits.
     """
     joints, tick_s = () if cell is None else cell.joints, scenario.clock.tick_s
     asked = any(getattr(phase, key) is not None for phase in scenario.phases for key in CELL_KEYS)

@@ -1,11 +1,11 @@
-"""Checks files by building what they describe, as far as that takes no statics: nothing is run."""
+"""Checks files by building what they describe (`cosim check`), without solving statics or running."""
 
 import math
 from typing import Any
 
 from cosim.base import arm_file, kept_parts
 from cosim.base.frames import Array
-from cosim.build import arm_parts, arms, options, soft_model
+from cosim.build import arm_parts, arms, engine_agreement, options, soft_model
 from cosim.config import loading, several_arms, studies
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.settings import ModelTable
@@ -20,7 +20,7 @@ from cosim.rigid.scene.scene import RigidScene
 
 
 def checked_arm(robot: str) -> arm_file.ArmFile:
-    """Return an arm that both engines have read, and read alike.
+    """Return an arm after both engines have read it and agree.
 
     Args:
         robot: see `find_arm`.
@@ -29,12 +29,12 @@ def checked_arm(robot: str) -> arm_file.ArmFile:
         InputError: its files are not usable; see `find_arm` and `check_engines_agree`.
     """
     file = arms.find_arm(robot)
-    arm_parts.check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
+    engine_agreement.check_engines_agree(RigidScene(SceneDescription(file)), Arm(file), file.armature)
     return file
 
 
 def flange_at_home(file: arm_file.ArmFile) -> str:
-    """Return where an arm's flange is at home, as the line `start.flange = {...}` of a scenario."""
+    """Return the flange's pose at home, as the line `start.flange = {...}` of a scenario."""
     pose = Arm(file).forward(file.home)
     direction = pose.rotation[:, 2].round(4)
     rolled = motion.rotation_from_direction(direction).T @ pose.rotation
@@ -50,22 +50,22 @@ def check_robot(robot: SoftRobotTable) -> None:
         robot: checked by `load_soft_robot`.
 
     Raises:
-        ScenarioError: what is wrong, by key; see `build_soft_body`.
+        ScenarioError: it cannot; with faults by key, see `build_soft_body`.
     """
     options.described_body(robot, ModelTable())
 
 
 def check_built(scenario: Scenario, kept: kept_parts.KeptParts | None = None) -> None:
-    """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and can continue.
+    """Check a scenario's film, arm, cell and objects, and that the arm reaches its start and planned motions.
 
-    What takes statics or minutes is left to runs: see `left_to_runs`.
+    Checks that need statics or take minutes are left to the run: see `left_to_runs`.
 
     Args:
         scenario: checked by `load_scenario`.
-        kept: parts of other scenarios that are like this one; None for none.
+        kept: cache of parts that similar scenarios share; None for none.
 
     Raises:
-        ScenarioError: what is wrong, by key; see `build_soft_body`, `ArmParts`, `check_start` and
+        ScenarioError: with faults by key; see `build_soft_body`, `ArmParts`, `check_start` and
             `check_given_ways`.
     """
     _start_of(scenario, kept_parts.KeptParts() if kept is None else kept)
@@ -87,10 +87,10 @@ def _start_of(scenario: Scenario, kept: kept_parts.KeptParts) -> Array | None:
 
 
 def check_arms(scenario: several_arms.ArmsScenario) -> None:
-    """Check each of several arms as `check_built` does, and that none starts in another one.
+    """Check each of several arms as `check_built` does, and that no arm penetrates another at the start.
 
     Raises:
-        ScenarioError: what is wrong, by key.
+        ScenarioError: with faults by key.
     """
     kept, faults, starts = kept_parts.KeptParts(), Faults(), dict[str, Array]()
     for name, one in scenario.arms.items():
@@ -103,11 +103,11 @@ def check_arms(scenario: several_arms.ArmsScenario) -> None:
 
 
 def left_to_runs(scenario: Scenario) -> tuple[str, ...]:
-    """Return what `check_built` leaves to runs, as it takes statics or minutes; they may refuse it."""
+    """Return the checks that are left to the run because they need statics or take minutes."""
     aimed = [repr(phase.name) for phase in scenario.phases if phase.tip_key is not None]
     found = [f"whether the tip can follow phase {', '.join(aimed)}"] if aimed else []
     if scenario.plan.collision == "refuse" and scenario.robot != NO_ARM:
-        found.append("whether the way is clear (plan.collision)")
+        found.append("whether the planned motion is free of collisions (plan.collision)")
     if scenario.fidelity == "section":
         found.append("whether the film has a section model (fidelity)")
     return tuple(found)
@@ -120,7 +120,7 @@ def check_designs(study: studies.StudyTable) -> None:
         study: checked by `load_study`.
 
     Raises:
-        ScenarioError: what is wrong, by design and key; what several designs share stands there once.
+        ScenarioError: with faults by design and key; a fault of several designs is listed once.
     """
 
     designs, kept, found = studies.designs_of(study), kept_parts.KeptParts(), dict[str, list[int]]()
@@ -139,7 +139,7 @@ def check_designs(study: studies.StudyTable) -> None:
 
 
 def _named(numbers: list[int], designs: list[dict[str, Any]]) -> str:
-    """Return the designs of some numbers, for a message: the first one with what it sets."""
+    """Return text for a message: the number and values of the first design, and how many more there are."""
     if len(numbers) == len(designs):
         return f"all {len(designs)} designs"
     values = ", ".join(f"{key} = {value!r}" for key, value in designs[numbers[0] - 1].items())

@@ -1,4 +1,6 @@
-"""What a scenario asks of its soft model: its body, options of the solvers, law of contact; in words too."""
+"""Converts a scenario's tables to the options of the solvers, the contact law and the soft body, and
+describes its fidelity in words.
+"""
 
 import math
 from dataclasses import replace
@@ -19,8 +21,8 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve import newton_options, state
 
 EQUILIBRIUM_ITERATIONS_MAX = 100
-REUSE_MAX = 12  # iterations with a kept factorisation: beyond, a new one is cheaper
-STATIC_REUSE_BELOW_N = 1e-2  # before, in statics, tangents decide to which equilibrium an increment leads
+REUSE_MAX = 12  # iterations with a reused factorisation; after that a new one is faster
+STATIC_REUSE_BELOW_N = 1e-2  # residual; above it, in statics, new tangents select the equilibrium
 
 
 def fidelity_body(scenario: Scenario, finer: int = 0) -> SoftBody:
@@ -28,7 +30,7 @@ def fidelity_body(scenario: Scenario, finer: int = 0) -> SoftBody:
 
     Args:
         scenario: checked.
-        finer: how often each triangle is divided into four, besides that.
+        finer: additional refinements, each of which divides every triangle into four.
 
     Raises:
         ScenarioError: the geometry gives degenerate triangles.
@@ -38,7 +40,7 @@ def fidelity_body(scenario: Scenario, finer: int = 0) -> SoftBody:
 
 
 def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> SoftBody:
-    """Return the soft body of a description, in the flange frame; what is wrong with it names a key.
+    """Return the soft body of a robot's table, in the flange frame.
 
     Raises:
         ScenarioError: it cannot be built; see `build_soft_body`.
@@ -48,7 +50,7 @@ def described_body(robot: SoftRobotTable, model: ModelTable, finer: int = 0) -> 
 
 
 def static_options(scenario: Scenario) -> newton_options.NewtonOptions:
-    """Return how equilibria of a scenario are solved."""
+    """Return the options of a scenario's equilibria."""
     return newton_options.NewtonOptions(
         tolerance_N=scenario.solver.residual_tolerance_N,
         start_tolerance_N=scenario.solver.residual_tolerance_N,
@@ -61,7 +63,7 @@ def static_options(scenario: Scenario) -> newton_options.NewtonOptions:
 
 
 def dynamic_options(scenario: Scenario) -> state.StepOptions:
-    """Return how ticks of a scenario are solved."""
+    """Return the options of a scenario's time steps."""
     return state.StepOptions(
         integrator=scenario.solver.integrator,
         tolerance_N=scenario.solver.dynamic_tolerance_N,
@@ -73,7 +75,7 @@ def dynamic_options(scenario: Scenario) -> state.StepOptions:
 
 
 def fidelity_report(scenario: Scenario, section: SectionModel | None) -> str:
-    """Return in words how finely the soft robot is modelled, and by which section model, if any."""
+    """Return text on the model of the soft robot, and on the error of its section model, if any."""
     paper = "; the paper's lumped model (model.published)" if scenario.model.published else ""
     return _rung(scenario, section) + paper
 
@@ -95,7 +97,7 @@ def _section_rung(model: SectionModel) -> str:
 
 
 def _forces_off(model: SectionModel) -> str:
-    """Return by how much forces are off at poses that were not fitted, strain by strain."""
+    """Return text on the error of a section model's forces at poses that were not fitted, by strain."""
     middle, most = (model.held_out[:, first::2] for first in (1, 2))
     parts = []
     for k, strain in enumerate(STRAINS):
@@ -128,7 +130,7 @@ def contact_law(scenario: Scenario) -> ContactLaw:
 
 
 def section_figures(model: SectionModel | None) -> dict[str, Any] | None:
-    """Return the figures of a section model as a summary has them; None without one."""
+    """Return the figures of a section model for the summary; None without one."""
     if model is None:
         return None
     tips = {float(p): model.tips[model.tips[:, 0] == p, 1] for p in np.unique(model.tips[:, 0])}

@@ -1,4 +1,6 @@
-"""Cut patterns as a source of soft bodies: turns their tables into sheets, seams and sets."""
+"""Builds the film of a cut pattern from its table and drawing: sheets, seams, ports, creases and sets of
+nodes.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,18 +21,20 @@ from cosim.soft.geometry.cut_pattern import (
 )
 from cosim.soft.geometry.named_mesh import NamedMesh
 
+_GIVEN_LINE = "fold.line_m"
+
 
 def drawn_pattern(table: PatternTable, base: str, framed: bool = False) -> NamedMesh:
     """Return the film of a cut pattern, flat, in the flange's frame.
 
     Args:
         table: of the pattern.
-        base: name of the set whose middle comes to the flange's origin.
-        framed: whether stiffeners run along its frames.
+        base: name of the set whose middle is the flange's origin.
+        framed: whether the robot has stiffeners along frames.
 
     Raises:
-        MeshError: the drawing cannot be read, or is no pattern, or has frames and no stiffeners, or
-            stiffeners and no frames; the message has the place in it.
+        MeshError: the drawing cannot be read, is not a pattern, or has frames without stiffeners or the
+            reverse; the message has the place in the drawing.
     """
     pattern = cut_pattern(table)
     if framed != bool(pattern.frames):
@@ -40,7 +44,7 @@ def drawn_pattern(table: PatternTable, base: str, framed: bool = False) -> Named
 
 
 def placing(table: PatternTable, base: str) -> Placing:
-    """Return how a pattern lies on the flange."""
+    """Return the placement of a pattern on the flange."""
     own = base if base in table.set_names() else table.sets[0].name
     return Placing(table.along, table.plane == "upright", own, table.tip, (own, *table.center))
 
@@ -89,9 +93,6 @@ def cut_pattern(table: PatternTable, drawing: Drawing | None = None) -> CutPatte
         pairs=table.pairs,
         pair_height_m=table.pair_height_m or 0.0,
     )
-
-
-_GIVEN_LINE = "fold.line_m"
 
 
 def _creases(table: PatternTable, drawing: Drawing | None, name: str) -> tuple[DrawnCrease, ...]:
@@ -166,7 +167,7 @@ def _closed(corners: Sequence[tuple[float, float]], where: str) -> DrawnLine:
 
 
 def _choice(entry: PatternSetTable, drawing: Drawing | None, name: str) -> NodeChoice:
-    """Return which nodes a set has."""
+    """Return the choice of nodes of a set's table."""
     if entry.layer is not None and drawing is not None:
         lines = _layer(drawing, entry.layer, name)
         return NodeChoice(entry.name, lines, sheet=entry.sheet, pair=entry.pair, corners_only=entry.is_cable)

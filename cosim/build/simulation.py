@@ -1,4 +1,4 @@
-"""Joins the parts of a checked scenario into a simulation; the only place that knows all of them."""
+"""Joins the parts of a checked scenario into a simulation. No other module knows all the parts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, TypeAlias, final
 from cosim.base import caches, kernel_cache, state_file
 from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
 from cosim.build import options
+from cosim.build.decisions import contact_decision, decisions, finer_steps, largest_pressure
+from cosim.build.run_info import stage_of
 from cosim.build.soft_model import SoftModel
-from cosim.build.stage import contact_decision, decisions, finer_steps, largest_pressure, stage_of
 from cosim.config import plugins, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
@@ -56,11 +57,10 @@ def build(
     Args:
         scenario: checked by `load_scenario`.
         controllers: of kind "python", by name.
-        before: of the run whose state it continues from; None for a run from its start.
-        body: the soft body, where the scenario's is given as arrays.
-        tell: told when the plan leads to something to touch, whose kernels are then compiled, and what is
-            tried where an equilibrium or target takes long to find.
-        kept: parts that may be used again; it gets those that are made here.
+        before: decisions of the run whose state it continues from; None for a run from its start.
+        body: the soft body, if the scenario's is given as arrays.
+        tell: gets progress messages: kernels that are compiled, long searches for an equilibrium or target.
+        kept: cache of parts; gets those that are built here.
 
     Raises:
         InputError: a pose or target cannot be reached, a mesh is degenerate, a controller is missing.
@@ -85,9 +85,9 @@ def build_arms(
     """Return the run of several arms in one scene, planned and ready to step.
 
     Args:
-        scenarios: of each arm, by its name; checked, and alike in all that is not the arm's own.
+        scenarios: of each arm, by its name; checked, with equal shared keys.
         tell: see `build`.
-        kept: parts that may be used again; it gets those that are made here.
+        kept: cache of parts; gets those that are built here.
 
     Raises:
         InputError: as of `build`, or arms come too near to one another.
@@ -113,7 +113,7 @@ def build_arms(
             arranged = plan, carrier, (*modelled, OTHER_FILMS), planned, arm
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
-    for run in runs.values():  # each begins, and is shown, with the others where they begin
+    for run in runs.values():  # the scene that all share shows every arm at its start
         run.carrier.set_configuration(run.plan.joints)
     return ArmsRun(runs, shared.step)
 
@@ -121,7 +121,7 @@ def build_arms(
 def _joined(
     scenario: Scenario, model: SoftModel, soft: SoftSide, actuation: Actuation, arranged: _Arranged
 ) -> tuple[Parts, RunInfo]:
-    """Return the parts of a run, and what does not change while it lasts."""
+    """Return the parts of a run, and its constant data."""
     plan, carrier, modelled, planned, arm = arranged
     commands = _steered(scenario, plan, soft, actuation, _bounds(model, plan, modelled, arm))
     rest = partial(brought_to_rest, model.kept, model.name, soft)
@@ -130,12 +130,12 @@ def _joined(
 
 
 def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tuple[HostCarrier, Parts]:
-    """Return a soft robot in somebody's scene: what carries it, and all parts of it.
+    """Return the carrier and the parts of a soft robot that is attached to a user's MuJoCo scene.
 
     Args:
         scenario: checked, without an arm and without phases.
         model: of its soft robot.
-        scene: somebody's.
+        scene: the user's.
 
     Raises:
         InputError: a mesh is degenerate, a device is wrong.
@@ -154,12 +154,12 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
 def _steered(
     scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation, bounds: LiveBounds
 ) -> live_commands.LiveCommands:
-    """Return the commands of a plan, changed by those of the scenario and by those from outside."""
-    own = PlannedCommands(scenario, plan, soft, actuation)
-    commands: command_source.CommandSource = own
+    """Return the commands of a plan, changed by the scenario's command sources and by live commands."""
+    planned = PlannedCommands(scenario, plan, soft, actuation)
+    commands: command_source.CommandSource = planned
     for entry in scenario.commands:
         commands = entry.source(commands, scenario)
-    return live_commands.LiveCommands(commands, own, scenario, soft, bounds)
+    return live_commands.LiveCommands(commands, planned, scenario, soft, bounds)
 
 
 def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:
@@ -171,7 +171,7 @@ def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arrange
 
 
 def _arm(scenario: Scenario, model: SoftModel, soft: SoftSide, before: Choices | None) -> _Arranged:
-    # imported here: a scene without an arm waits for neither engine
+    # imported here so that a scenario without an arm loads neither MuJoCo nor Pinocchio
     from cosim.build.arm_parts import ArmParts
     from cosim.stepping.scene_carrier import ArmCarrier
 
@@ -190,7 +190,7 @@ class _Planned:
         soft: its soft side.
         parts: the arm, and the scene around it.
         plan: of the run.
-        payload: the soft robot in its drawn shape, and what else is mounted.
+        payload: the soft robot in its drawn shape, and other mounted mass.
     """
 
     scenario: Scenario
@@ -202,7 +202,7 @@ class _Planned:
 
     @property
     def on_its_way(self) -> clearance.ArmOnItsWay:
-        """As other arms in the scene see it."""
+        """Its motion, for the clearances of other arms in the scene."""
         return clearance.ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
 
 
@@ -215,7 +215,7 @@ def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmPar
 def _carried(
     planned: _Planned, before: Choices | None, carried_by: type[ArmCarrier], others: Sequence[_Planned] = ()
 ) -> _Arranged:
-    """Return a planned arm with what carries the flange, and what is modelled."""
+    """Return a planned arm with the carrier of its flange, and the decisions on modelled effects."""
     scenario, model, soft, parts, plan = (
         planned.scenario, planned.model, planned.soft, planned.parts, planned.plan
     )  # fmt: skip
@@ -268,7 +268,7 @@ def _range(
 
 
 def _asked_name(scenario: Scenario, model: SoftModel) -> str:
-    """Return a name of all that the statics of a plan depend on."""
+    """Return a cache name of a plan's statics."""
     return name_of(
         model.statics_name, scenario.start, scenario.phases, scenario.gas, scenario.gravity_m_s2,
         scenario.mode, scenario.solver.air_drag_per_s,
@@ -283,7 +283,7 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Pl
         name = _asked_name(scenario, model)
         if not model.lasting or not model.kept.on_disk or is_nameless(name):
             return model.kept.made("solved phases", name, solved)
-        # those of the same program on the same kind of processor; paths of the tip are solved again
+        # valid for the same program on the same kind of processor; tip paths are solved again
         file = content_name(name, code_identity(), kernel_cache.processor())
         from_disk = partial(state_file.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
         return model.kept.made("solved phases", name, from_disk)

@@ -32,7 +32,7 @@ _UNITS: Final[dict[str, tuple[str, float]]] = {
 
 
 def unit_of_column(column: str) -> tuple[str, float]:
-    """Return the SI unit of a column and the factor that converts to it; "1" and 1 for a name without unit."""
+    """Return the SI unit of a column and the factor that converts to it; "1" and 1 without a unit."""
     return _UNITS.get(column.rpartition("_")[2], ("1", 1.0))
 
 

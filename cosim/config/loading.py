@@ -103,7 +103,7 @@ def loaded_scenario(
 
 
 def _full_robot(robot: Any, folder: Path, faults: Faults) -> Any:
-    """Return the full table of a scenario's soft robot; empty, and not checked further, if a file is wrong."""
+    """Return the full table of a scenario's soft robot; if a file is wrong, empty and not checked further."""
     with faults:
         _check_in_file(robot)
         return RobotFiles(faults).expand(robot, folder, "soft_robot")

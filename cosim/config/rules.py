@@ -404,7 +404,7 @@ def _devices_have_time(scenario: Scenario) -> Violations:
 
 @rule
 def _commands_stand_alone(scenario: Scenario) -> Violations:
-    """Command sources are not combined with devices, cable lengths or tip targets, which they would falsify."""
+    """Command sources are refused with devices, cable lengths and tip targets, which they would change."""
     if not scenario.commands:
         return
     lengths = any(phase.commands_lengths for phase in scenario.phases)

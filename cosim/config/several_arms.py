@@ -24,7 +24,7 @@ OF_AN_ARM: Final = (
     "robot", "arm_base", "soft_robot", "start", "phase", "fidelity", "payload_compensation", "solver",
     "model", "gas", "pump", "winch", "controller", "sensor", "command",
 )  # fmt: skip
-"""Keys of a scenario that each arm may give. A key above the arms applies to all; an arm's key overrides it."""
+"""Keys that each arm may give. A key above the arms applies to all; an arm's key overrides it."""
 _NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
 _HEADER: Final = (
     "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"

@@ -1,4 +1,4 @@
-"""Reads the CSV files of tip paths into a scenario's tables, and sets the duration and ramp of their phases."""
+"""Reads the CSV files of tip paths into a scenario's tables, and sets duration and ramp of their phases."""
 
 import csv
 import math

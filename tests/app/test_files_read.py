@@ -233,7 +233,7 @@ def test_no_reader_of_a_scenarios_files_opens_them_itself() -> None:
     heads = {"rigid/build/urdf_arm.py", "rigid/build/mjcf_files.py"}
     known = {
         "config/upgrading.py",
-        "build/stage.py",
+        "build/expected_error.py",
         "config/benches.py",
         "devices/live/streams.py",
     } | heads  # benches are no scenarios

@@ -12,7 +12,8 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.build.soft_body import NamedBody, build_soft_body
+from cosim.build.given_body import NamedBody
+from cosim.build.soft_body import build_soft_body
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.errors import MeshError, ScenarioError
 from cosim.results.result import ResultBuilder, RunResult

@@ -10,7 +10,7 @@ import pytest
 
 import cosim
 from cosim.app.ended_run import found_recordings
-from cosim.build.arm_parts import rigid_substeps
+from cosim.build.scene_objects import rigid_substeps
 from cosim.build.simulation import build_arms
 from cosim.cli.main import main
 from cosim.config.several_arms import load_arms

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.base.arm_file import ArmFile
-from cosim.build.arm_parts import check_engines_agree, palm_mass, palm_object
 from cosim.build.arms import find_arm
+from cosim.build.engine_agreement import check_engines_agree
+from cosim.build.scene_objects import palm_mass, palm_object
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.errors import InputError
 from cosim.kinematics.arm import Arm, Payload

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-import cosim.build.stage as table
+import cosim.build.expected_error as table
+from cosim.build.expected_error import expected_error, expected_error_report, extension_report
 from cosim.build.simulation import build
-from cosim.build.stage import expected_error, expected_error_report, extension_report
 from cosim.config.loading import load_scenario
 
 CONDITIONS = {"law", "stiffener", "sides", "refine", "mesh", "refine_holes", "neck", "least_width_m"}

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build.soft_body import NamedBody, build_soft_body
+from cosim.build.given_body import NamedBody
+from cosim.build.soft_body import build_soft_body
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.soft_robot import SoftRobotTable

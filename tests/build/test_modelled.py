@@ -66,10 +66,10 @@ def test_the_film_stays_within_its_reach() -> None:
     [
         ({}, False, "nothing is within the film's reach"),
         (low(0.2), True, "as far as floor"),
-        ({"contact.only_in_reach": False}, True, "asked for"),
+        ({"contact.only_in_reach": False}, True, "required"),
         ({"contact.enabled": False}, False, "switched off"),
         ({"mode": "quasistatic"}, False, "nothing is within the film's reach"),
-        ({"mode": "quasistatic", "fidelity": "rigid"}, False, "rigid model knows none"),
+        ({"mode": "quasistatic", "fidelity": "rigid"}, False, "rigid model has none"),
         ({"phase.lower.gas": "sealed"}, True, "sealed gas"),
         (
             {"object": [{"name": "ball", "shape": "sphere", "size_m": [0.02], "position_m": [0.6, 0.6, 0.02],
@@ -90,7 +90,7 @@ def test_the_film_stays_within_its_reach() -> None:
             {"phase": [{"name": "hold", "duration_s": 0.06, "clamp": ["unit_1.outer"]},
                        {"name": "let_go", "duration_s": 0.06, "release": ["unit_1.outer"]}]},
             True,
-            "rings are let go",
+            "rings are released",
         ),
         (
             {"object": [{"name": "wall", "shape": "box", "size_m": [0.1, 1.0, 1.0],

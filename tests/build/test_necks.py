@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, IntArray
-from cosim.build.soft_body import build_soft_body, published_robot
+from cosim.build.paper_model import published_robot
+from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.film import FilmTable
 from cosim.config.schema.settings import ModelTable

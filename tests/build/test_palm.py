@@ -10,8 +10,8 @@ import pytest
 
 from cosim.app.driver import build_simulation
 from cosim.base.frames import Pose
-from cosim.build.arm_parts import PALM_NAME, palm_mass, palm_object
 from cosim.build.arms import find_arm
+from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.coupling.soft_sides.soft_side import MassProperties

@@ -9,7 +9,8 @@ import pytest
 
 from cosim.base.kept_parts import content_name
 from cosim.base.resources import scenario_path
-from cosim.build.soft_body import build_soft_body, published_robot
+from cosim.build.paper_model import published_robot
+from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.settings import ModelTable
 from cosim.config.schema.soft_robot import SoftRobotTable, StiffenerTable

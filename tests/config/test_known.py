@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from cosim.base.resources import list_soft_robots, soft_robot_path
-from cosim.build.stage import known_report
+from cosim.build.expected_error import known_report
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.schema.soft_robot import StiffenerTable
 from cosim.errors import ScenarioError

@@ -9,8 +9,8 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.base.state import restore_states, states_of
-from cosim.build.arm_parts import rigid_substeps
 from cosim.build.arms import find_arm
+from cosim.build.scene_objects import rigid_substeps
 from cosim.config.loading import load_scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.ticks import Servos

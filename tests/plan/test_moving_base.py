@@ -11,8 +11,8 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.build.arm_parts import check_engines_agree
 from cosim.build.arms import find_arm, placed_arm
+from cosim.build.engine_agreement import check_engines_agree
 from cosim.build.simulation import build
 from cosim.config.arm_table import BaseTable, RailTable, TurntableTable
 from cosim.errors import InputError, ScenarioError

@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from cosim.build.arm_parts import check_engines_agree
 from cosim.build.arms import find_arm
+from cosim.build.engine_agreement import check_engines_agree
 from cosim.cli.main import main
 from cosim.errors import InputError
 from cosim.kinematics.arm import Arm

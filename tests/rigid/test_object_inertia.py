@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build.arm_parts import rigid_object
 from cosim.build.arms import find_arm
+from cosim.build.scene_objects import rigid_object
 from cosim.config.loading import load_scenario
 from cosim.rigid.build.description import Joint, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene

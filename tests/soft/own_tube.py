@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.build.soft_body import NamedBody
+from cosim.build.given_body import NamedBody
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film

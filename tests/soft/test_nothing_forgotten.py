@@ -12,7 +12,7 @@ import pytest
 from cosim.base.frames import Array, IntArray
 from cosim.base.state import check_state
 from cosim.base.state_file import load, save
-from cosim.build.soft_model import content_hash
+from cosim.build.section_models import content_hash
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.body import loads as loads_file

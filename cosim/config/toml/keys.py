@@ -46,7 +46,7 @@ def key_of(entry: Field[Any]) -> str:
 
 
 def join(path: str, key: str) -> str:
-    """Return the path of a key in a table; a key with spaces, dots or control characters is quoted as in TOML."""
+    """Return the path of a key in a table; a key with spaces, dots or control characters is quoted."""
     cut = key if len(key) <= LONGEST_KEY else f"{key[:LONGEST_KEY]}..."
     visible = cut if cut.isprintable() and cut and not set(key) & set(" .\"'") else json.dumps(cut)
     return f"{path}.{visible}" if path else visible

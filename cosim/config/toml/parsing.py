@@ -1,4 +1,4 @@
-"""Turns tables into frozen dataclasses with pydantic. A fault names the path, the value and what is allowed."""
+"""Turns tables into frozen dataclasses with pydantic. A fault names path, value and what is allowed."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
