@@ -27,8 +27,9 @@ from cosim.base.frames import Array
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.kinematics.arm import Arm
-from cosim.rigid.build.compiled_scene import body_shapes, compile_model
+from cosim.rigid.build.compiled_scene import compile_model
 from cosim.rigid.build.description import VISUAL_GROUP, SceneDescription
+from cosim.rigid.build.drawn_shapes import body_shapes
 
 SIZE = (300, 330)
 """Of a picture with its caption [pixels]."""

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from benchmarks.peers.case import Case, Course, FollowerPressure, Run, run
-from cosim.rigid.build.mjcf_files import set_up_engine
+from cosim.rigid.build.engine import set_up_engine
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -67,7 +67,7 @@ def cell_of(scene: SceneTable) -> "Cell":
     Raises:
         ScenarioError: its file is not usable.
     """
-    from cosim.rigid.build.compiled_scene import read_cell
+    from cosim.rigid.build.cell import read_cell
 
     with errors_at("scene.mjcf"):
         return read_cell(Path(scene.mjcf))

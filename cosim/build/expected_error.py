@@ -24,7 +24,7 @@ _TABLE: Final = Path(__file__).with_name("measured_models.toml")
 
 
 def known_report(scenario: Scenario) -> str:
-    """Return the keys of a scenario's soft robot by the origin of their values (published, measured, assumed)."""
+    """Return the keys of a scenario's soft robot by the origin of their values, as text."""
     robot = scenario.soft_robot
     if isinstance(robot, GivenBodyTable):
         return "given as arrays"
@@ -45,7 +45,7 @@ def _origins(robot: SoftRobotTable, published: bool) -> str:
 
 
 def modelled_robot(scenario: Scenario) -> SoftRobotTable | None:
-    """Return a scenario's soft robot as modelled, without the refinement of `fidelity`; None for a given body."""
+    """Return a scenario's soft robot as modelled, but without "refined"; None for a body given as arrays."""
     robot = scenario.soft_robot
     if isinstance(robot, GivenBodyTable):
         return None
@@ -77,7 +77,7 @@ def expected_error(scenario: Scenario) -> dict[str, dict[str, Any] | None]:
 
 
 def _pressures(robot: SoftRobotTable) -> list[float] | None:
-    """Return the range of pressure [Pa] in which the measurements apply to a film; None: they do not apply."""
+    """Return the range of pressure [Pa] in which the measurements apply to a film; None: they do not."""
     stack, film = robot.stack, robot.film
     assert stack is not None
     size_m = stack.corner_radius_m

@@ -12,14 +12,15 @@ from cosim.config.schema.settings import ContactTable
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.toml.rules import errors_at
 from cosim.coupling.soft_sides.soft_side import MassProperties
-from cosim.rigid.build.description import Geometry, Joint, PairFriction, SceneObject
+from cosim.rigid.build.description import Geometry, Joint, SceneObject
+from cosim.rigid.build.pair_friction import PairFriction
 
 PALM_NAME = "palm"
 _OF_A_SOLID = ("shape", "size_m", "position_m", "quaternion", "convex")
 _THROWN_M: Final = 2.5e-5
 """Largest displacement of a free object by the film's force within a rigid step. The film responds to an
-impact as a wave, within some tenths of a millisecond: an object of 100 g loses too much energy in a bounce with
-rigid steps of 1 ms, and 0.5 ms suffice."""
+impact as a wave, within some tenths of a millisecond: with rigid steps of 1 ms an object of 100 g loses too
+much energy in a bounce, and 0.5 ms suffice."""
 _PRESS_N: Final = 8.0  # force of a gripper's fingers
 _MOST_SUBSTEPS: Final = 4
 """8 substeps give the same result for rolls of 50 g; a roll of 20 g came loose as a unit snapped."""
@@ -87,7 +88,7 @@ def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
 
 
 def rigid_substeps(scenario: Scenario) -> int:
-    """Return the number n of MuJoCo's steps per tick T, so that F (T / n)^2 / m of the lightest object is 25 um.
+    """Return the number n of rigid steps per tick T, so that F (T / n)^2 / m of the lightest object is 25 um.
 
     It is 1 if the film touches no free object; in the iterated exchange, which solves for one step of each
     side; and with wires, whose many contacts make rigid steps slow.

@@ -98,7 +98,7 @@ def _built(
 
 
 def _one_way(body: SoftBody) -> SoftBody:
-    """Return a body with cable losses "one_way": the energies are condensed along one direction of loading."""
+    """Return a body with cable losses "one_way": the energies are condensed along one loading path."""
     cables = (replace(cable, directed=False, loss_N=0.0) for cable in body.cables)
     return body.with_other(Cable, *cables)
 

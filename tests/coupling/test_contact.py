@@ -13,8 +13,8 @@ from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError, SolverError
 from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
-from cosim.rigid.distance.signed_distance import ContactQuery
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

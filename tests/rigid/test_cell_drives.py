@@ -12,7 +12,7 @@ import cosim
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.rigid.build.compiled_scene import read_cell
+from cosim.rigid.build.cell import read_cell
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from cosim.base.frames import Array, IntArray
+from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.distance.film_distance import FilmReach, FilmTriangles
-from cosim.rigid.distance.signed_distance import ContactQuery
 from tests.coupling.nearest_film import nearest_film
 from tests.rigid.shapes import compiled, hull_vertices, level, to_world
 

@@ -15,7 +15,7 @@ from cosim.base.solid import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
-from cosim.rigid.distance.signed_distance import surface_distance
+from cosim.rigid.distance.surfaces import surface_distance
 from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")

@@ -16,7 +16,8 @@ from cosim.build.arm_parts import ArmParts
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.rigid.build.compiled_scene import CompiledScene
-from cosim.rigid.build.description import PairFriction, SceneDescription, SceneObject
+from cosim.rigid.build.description import SceneDescription, SceneObject
+from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene
 
 ARM = find_arm("ur5e")

@@ -11,12 +11,12 @@ from scipy.spatial.distance import cdist
 from cosim.base.frames import Pose
 from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
-from cosim.rigid.build import compiled_scene
+from cosim.rigid.build import drawn_shapes
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 
 
-def volume(mesh: compiled_scene.Mesh) -> float:
+def volume(mesh: drawn_shapes.Mesh) -> float:
     vertices, triangles = mesh
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     return float(np.sum(a * np.cross(b, c)) / 6.0)
@@ -26,15 +26,15 @@ def volume(mesh: compiled_scene.Mesh) -> float:
 @pytest.mark.parametrize(
     ("mesh", "exact"),
     [
-        (compiled_scene.box(np.array([0.1, 0.2, 0.3])), 8 * 0.1 * 0.2 * 0.3),
-        (compiled_scene.sphere(0.2), 4 / 3 * np.pi * 0.2**3),
-        (compiled_scene.ellipsoid(np.array([0.1, 0.2, 0.3])), 4 / 3 * np.pi * 0.1 * 0.2 * 0.3),
-        (compiled_scene.cylinder(0.1, 0.3), np.pi * 0.1**2 * 0.6),
-        (compiled_scene.capsule(0.1, 0.3), np.pi * 0.1**2 * 0.6 + 4 / 3 * np.pi * 0.1**3),
+        (drawn_shapes.box(np.array([0.1, 0.2, 0.3])), 8 * 0.1 * 0.2 * 0.3),
+        (drawn_shapes.sphere(0.2), 4 / 3 * np.pi * 0.2**3),
+        (drawn_shapes.ellipsoid(np.array([0.1, 0.2, 0.3])), 4 / 3 * np.pi * 0.1 * 0.2 * 0.3),
+        (drawn_shapes.cylinder(0.1, 0.3), np.pi * 0.1**2 * 0.6),
+        (drawn_shapes.capsule(0.1, 0.3), np.pi * 0.1**2 * 0.6 + 4 / 3 * np.pi * 0.1**3),
     ],
     ids=["box", "sphere", "ellipsoid", "cylinder", "capsule"],
 )
-def test_volume_is_positive_and_right(mesh: compiled_scene.Mesh, exact: float) -> None:
+def test_volume_is_positive_and_right(mesh: drawn_shapes.Mesh, exact: float) -> None:
     assert 0.97 * exact < volume(mesh) <= exact * (1 + 1e-12)
     # The divergence theorem holds about any origin only for a closed surface.
     moved = (mesh[0] + np.array([3.0, -2.0, 5.0]), mesh[1])
@@ -43,9 +43,9 @@ def test_volume_is_positive_and_right(mesh: compiled_scene.Mesh, exact: float) -
 
 def test_no_triangle_is_degenerate() -> None:
     for vertices, triangles in (
-        compiled_scene.sphere(0.2),
-        compiled_scene.capsule(0.1, 0.3),
-        compiled_scene.box(np.ones(3)),
+        drawn_shapes.sphere(0.2),
+        drawn_shapes.capsule(0.1, 0.3),
+        drawn_shapes.box(np.ones(3)),
     ):
         a, b, c = (vertices[triangles[:, k]] for k in range(3))
         assert np.min(np.linalg.norm(np.cross(b - a, c - a), axis=1)) > 1e-8
@@ -53,7 +53,7 @@ def test_no_triangle_is_degenerate() -> None:
 
 def test_checkerboard_covers_the_plane_facing_up() -> None:
     areas = []
-    for vertices, triangles in compiled_scene.checkerboard(np.array([1.0, 0.5]), 0.25):
+    for vertices, triangles in drawn_shapes.checkerboard(np.array([1.0, 0.5]), 0.25):
         a, b, c = (vertices[triangles[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         assert np.all(normal[:, 2] > 0.0)

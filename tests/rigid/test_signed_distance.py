@@ -8,7 +8,9 @@ import pytest
 
 from cosim.base.frames import Array, IntArray
 from cosim.errors import InputError
-from cosim.rigid.distance.signed_distance import ContactQuery, Hits, surface_distance
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.signed_distance import Hits
+from cosim.rigid.distance.surfaces import surface_distance
 from tests.rigid.shapes import SIZES, compiled, level, surface_samples, to_world
 
 FAR_M = 1.0

@@ -19,7 +19,7 @@ from cosim.coupling.contact import contact_arrays, contact_kernels
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.near_search import NearFilm, NearSearch
 from cosim.errors import InputError
-from cosim.rigid.distance import signed_distance
+from cosim.rigid.distance import contact_query
 from cosim.rigid.scene.bodies import Bodies
 from cosim.soft.contact.contact_law import GLUED, ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface, Extent
@@ -100,7 +100,7 @@ class ContactExchange:
 
     def __init__(
         self,
-        query: signed_distance.ContactQuery,
+        query: contact_query.ContactQuery,
         bodies: Bodies,
         surface: ContactSurface,
         law: ContactLaw | None = None,

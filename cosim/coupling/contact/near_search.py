@@ -16,9 +16,11 @@ from cosim.base.kernels import kernel, unchecked
 from cosim.coupling.contact.contact_arrays import NearFeatures
 from cosim.coupling.contact.contact_kernels import fill_held
 from cosim.coupling.contact.contact_report import ContactMemory
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.distance.feature_points import carry
 from cosim.rigid.distance.film_distance import FeatureRows, FilmReach, FilmTriangles, TriangleLists, film_near
-from cosim.rigid.distance.shapes import ShapePoses, carry
-from cosim.rigid.distance.signed_distance import ContactQuery, HitRows, PointLists, points_near
+from cosim.rigid.distance.shapes import ShapePoses
+from cosim.rigid.distance.signed_distance import HitRows, PointLists, points_near
 from cosim.soft.contact.contact_points import ContactSurface, Extent
 
 

@@ -35,8 +35,8 @@ from cosim.coupling.tick_rows import SceneRows
 from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import FIGURES
-from cosim.rigid.scene.arm import about_origin
 from cosim.rigid.scene.coupled_scene import CoupledScene
+from cosim.rigid.scene.flange import about_origin
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import StepAim
 

@@ -1,7 +1,5 @@
-"""Makes an arm of the robot of a URDF or MJCF file and of what its `arm.toml` says.
-
-MuJoCo reads and checks the file. Links and joints from the root to the flange become one URDF, which both
-engines are given.
+"""Reads an arm from its URDF or MJCF file and its `arm.toml`. MuJoCo parses and checks the file. Links and
+joints from the root to the flange become one URDF, which MuJoCo and Pinocchio both read.
 """
 
 import copy

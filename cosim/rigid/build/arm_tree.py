@@ -1,4 +1,6 @@
-"""Bodies of a robot's file, as MuJoCo reads them: which one is the flange, and the way to it."""
+"""Finds the flange of an arm among the bodies of a compiled MuJoCo model, and the chain of bodies that leads
+to it.
+"""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass

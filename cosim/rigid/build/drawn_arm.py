@@ -1,7 +1,6 @@
-"""How an arm is drawn whose meshes stand in another file.
-
-Both descriptions stand with their joints at zero. The other one is turned and moved as a whole until the axes
-of its joints lie on those of the arm; then its meshes are fixed to the arm's links.
+"""Draws an arm with the meshes of another file (`drawn_as`). Both files describe the arm with all joints at
+zero. The other model is moved rigidly until its joint axes coincide with those of the arm; then its meshes
+are fixed to the arm's links.
 """
 
 from contextvars import Context

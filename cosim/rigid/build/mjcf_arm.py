@@ -1,6 +1,5 @@
-"""Arms of MJCF files: links and joints as URDF, which both engines are given; shapes as they are.
-
-Shapes of an arm's links from a compiled MuJoCo model, and back into a specification.
+"""Converts the arm of an MJCF file to a URDF with its links and joints; the shapes of the links are copied
+from MuJoCo's model.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -21,6 +20,10 @@ from cosim.rigid.build.urdf_elements import add_inertial, add_joint, text_of
 
 _GEOMETRY_KINDS: Final = {GEOM_TYPES[name]: name for name in SHAPES}
 _HIDDEN_GROUP: Final = 3
+_NO_MESH: Final = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+_HOME: Final = "home"
+_KINDS: Final = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
+_Object = mujoco.mjtObj
 
 
 def link_shapes(model: mujoco.MjModel, bodies: list[int], names: list[str]) -> tuple[LinkShape, ...]:
@@ -67,14 +70,6 @@ def add_shapes(spec: mujoco.MjSpec, shapes: tuple[LinkShape, ...]) -> None:
             geom.meshname = mesh.name
         else:
             geom.size = shape.size
-
-
-_NO_MESH: Final = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-
-
-_HOME: Final = "home"
-_KINDS: Final = {mujoco.mjtJoint.mjJNT_HINGE: "revolute", mujoco.mjtJoint.mjJNT_SLIDE: "prismatic"}
-_Object = mujoco.mjtObj
 
 
 @final

@@ -23,6 +23,10 @@ from cosim.rigid.build.urdf_elements import (
 )
 
 ADAPTER: Final = "adapter"
+_WORLD: Final = "world"  # MuJoCo's world body, which no joint may carry
+_RADIUS_M: Final = 0.2  # of carriages, drawn and for their inertia
+_THICK_M: Final = 0.04  # of carriages
+_BEAM_M: Final = 0.05  # radius of the cylinder that shows a rail
 
 
 def add_adapter(robot: ElementTree.Element, flange: str, adapter: AdapterTable, path: Path) -> str:
@@ -56,12 +60,6 @@ def add_adapter(robot: ElementTree.Element, flange: str, adapter: AdapterTable, 
     for tag in ("visual", "collision"):
         add_cylinder(link, tag, middle, radius, length)
     return ADAPTER
-
-
-_WORLD: Final = "world"  # MuJoCo's world body, which no joint may carry
-_RADIUS_M: Final = 0.2  # of carriages, drawn and for their inertia
-_THICK_M: Final = 0.04  # of carriages
-_BEAM_M: Final = 0.05  # radius of the cylinder that shows a rail
 
 
 def on_moving_base(arm: ArmFile, base: BaseTable) -> ArmFile:

@@ -1,7 +1,6 @@
-"""Reads URDF files, which may be anybody's: bounded, and what MuJoCo does not read of them by hand.
-
-MuJoCo takes joints that mimic others, and those without limits, for free ones; it knows no speed limits and
-no packages, and few formats of meshes.
+"""Reads URDF files, which may come from anybody, within bounds. Parts that MuJoCo does not read are read
+here: MuJoCo treats mimic joints, and joints without limits, as free; it ignores speed limits and packages,
+and knows few mesh formats.
 """
 
 import copy
@@ -25,6 +24,10 @@ from cosim.rigid.build.arm_tree import ROOT, Chain, Way
 MOST_LINKS: Final = 500
 _XACRO: Final = "ros.org/wiki/xacro"
 _KEPT: Final = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
+_SUFFIXES: Final = (".stl", ".obj", ".msh")
+_MOST_TRIANGLES: Final = 200_000  # of an STL file, for MuJoCo
+_THINNEST_M: Final = 1e-3
+_MESH_GREY: Final = "0.80 0.81 0.83 1"
 
 
 @final
@@ -122,12 +125,6 @@ def _read_robot(path: Path) -> ElementTree.Element:
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
     return robot
-
-
-_SUFFIXES: Final = (".stl", ".obj", ".msh")
-_MOST_TRIANGLES: Final = 200_000  # of an STL file, for MuJoCo
-_THINNEST_M: Final = 1e-3
-_MESH_GREY: Final = "0.80 0.81 0.83 1"
 
 
 def find_meshes(robot: ElementTree.Element, source: ArmSource) -> tuple[Path, ...]:

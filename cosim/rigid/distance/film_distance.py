@@ -1,4 +1,6 @@
-"""The film triangle nearest to a point, such as a corner of an obstacle, and on which side of it that is."""
+"""Finds the film triangle nearest to a point, such as a corner of an obstacle, and the side of the film that
+the point is on.
+"""
 
 from typing import NamedTuple
 
@@ -7,7 +9,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_matrix, small_vector, zero_vector
-from cosim.rigid.distance.signed_distance import closest_on_triangle
+from cosim.rigid.distance.surfaces import closest_on_triangle
 
 _RUN = 32  # triangles that are passed over together: neighbours mostly follow one another
 _TIE = 1e-9  # relative difference of squared distances within which two triangles share the nearest point

@@ -1,7 +1,5 @@
-"""Several arms in one scene: each sees the scene as its own, one call steps it for all.
-
-What one arm's soft robot applies is kept apart from what the others apply, as they may touch the same body.
-It stands alone as it joins both kinds of scenes: one that cosim steps, and one that somebody else steps.
+"""A scene of several arms: one call steps MuJoCo for all, and each arm exchanges loads with its soft robot.
+The loads of each soft robot are stored separately, because several may touch the same body.
 """
 
 from typing import final
@@ -12,19 +10,19 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
-from cosim.rigid.distance.signed_distance import ContactQuery
+from cosim.rigid.distance.contact_query import ContactQuery
 from cosim.rigid.scene import host_scene, scene
 from cosim.rigid.scene.servos import finish_step
 
 
 @final
 class SharedScene(host_scene.HostScene):
-    """A scene of several arms, as one of them exchanges loads with it.
+    """A scene of several arms, for the exchange of loads with the soft robot of one arm.
 
     Args:
         model: of the scene.
         data: its state.
-        arm: as it is planned and driven.
+        arm: that carries the soft robot.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, arm: scene.RigidScene) -> None:
@@ -55,7 +53,7 @@ class SharedScene(host_scene.HostScene):
         self._arm.read_touch(touch)
 
     def press_with(self, others: IntArray) -> None:
-        """Take note of the bodies (bodies,) on which the soft robots of other arms press, 1 each."""
+        """Set the mask (bodies,) of bodies that the soft robots of other arms touch."""
         self._arm.others[:] = others
 
     def end_tick(self) -> None:
@@ -67,7 +65,7 @@ class SharedScene(host_scene.HostScene):
 class SceneOfArms:
     """Steps several arms among objects.
 
-    `arms` are theirs, each as it is planned and driven; `exchanges` the same, as their soft robots act on it.
+    `arms` are the scenes of each arm, for planning and control; `exchanges` those for their soft robots.
 
     Args:
         descriptions: of the arms, each with a prefix; objects are those of the first.
@@ -86,10 +84,10 @@ class SceneOfArms:
         self._servos = tuple(arm.servos for arm in self.arms)
 
     def step(self) -> None:
-        """Take the rigid step of a tick, for which all arms have begun theirs.
+        """Take the rigid step of a tick, after all arms have begun the tick.
 
         Raises:
-            InstabilityError: the state is no longer finite.
+            InstabilityError: the state is not finite.
         """
         model, data, exchanges = self._model, self._data, self.exchanges
         data.xfrc_applied[:] = np.sum([each.load for each in exchanges], axis=0)

@@ -1,4 +1,6 @@
-"""Leaves over the motion of bodies: their velocities, and how far they are ahead of where MuJoCo has them."""
+"""Kernels for the motion of bodies: their velocities, and their displacement from MuJoCo's poses to the end
+of the tick.
+"""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What an exchange with a soft robot needs of a scene, whoever steps that."""
+"""Base class of scenes that exchange loads with a soft robot, whether cosim or a user's loop steps MuJoCo."""
 
 from abc import ABC, abstractmethod
 from typing import Any, Final, final
@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
-from cosim.rigid.distance.signed_distance import ContactQuery
-from cosim.rigid.scene.arm import MountedFrame
-from cosim.rigid.scene.bodies import Bodies, jacobian_of, mobility
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.bodies import Bodies
+from cosim.rigid.scene.flange import MountedFrame
+from cosim.rigid.scene.mobility import jacobian_of, mobility
 
 _NO_JOINTS: Final = np.zeros(0)
 _DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in

@@ -1,8 +1,7 @@
-"""How far bodies will be ahead of where MuJoCo has them, by its own steps.
-
-A tick of one step: the accelerations under the loads that act, with all that touches and holds bodies now.
-A tick of several: these steps themselves, in a second state of the scene, so contacts that come about within
-the tick count, and servos continue at the speed that they were asked for last.
+"""Predicts the motion of bodies over the coming tick with MuJoCo's steps. A tick of one step uses the
+accelerations under the present loads, contacts and constraints. A tick of several steps takes these in a
+second state of the scene, so contacts that begin within the tick are included, and servos continue at their
+last reference speed.
 """
 
 from typing import final

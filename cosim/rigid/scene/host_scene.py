@@ -1,8 +1,7 @@
-"""A scene that somebody else steps: a soft robot hangs on it for one of their steps; whether it may.
-
-Before a step, the load of the soft robot is added to what the loop itself applies (`xfrc_applied`,
-`qfrc_applied`); after it, both are put back, so a loop may write its loads whenever it likes. Inertia that
-the mount carries is added within the step, see `step_loads`.
+"""A MuJoCo scene that a user's loop steps, with a soft robot attached for each of these steps. Before a step,
+the soft robot's load is added to the loop's `xfrc_applied` and `qfrc_applied`; after it, both are restored,
+so the loop may write its loads at any time. Inertia that the mount carries is added within the step, see
+`inertia_in_step`.
 """
 
 import math
@@ -20,16 +19,26 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, SixNumbers, Wrench, cross
 from cosim.base.state import check_indices
 from cosim.errors import InputError, InstabilityError
-from cosim.rigid.build import mjcf_files, object_bodies
-from cosim.rigid.distance.signed_distance import ContactQuery
-from cosim.rigid.scene.arm import BODY, SITE, MountedFrame, Mounting, about_origin
+from cosim.rigid.build import engine, mjcf_files, object_bodies
+from cosim.rigid.distance.contact_query import ContactQuery
+from cosim.rigid.scene.arm_layout import BODY, SITE, Mounting
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
-from cosim.rigid.scene.step_loads import CarriedInStep, StepLoads, loads_of, steps_in_progress
+from cosim.rigid.scene.flange import MountedFrame, about_origin
+from cosim.rigid.scene.inertia_in_step import CarriedInStep, steps_in_progress
+from cosim.rigid.scene.step_loads import StepLoads, loads_of
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _MOST_OFF: Final = 1e-6
 """Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
+HostSource: TypeAlias = "mujoco.MjSpec | mujoco.MjModel | str | Path"
+Model: TypeAlias = mujoco.MjModel
+Data: TypeAlias = mujoco.MjData
+_MOUNT: Final = "cosim_mount"
+_MOST_NAMES: Final = 40
+_RK4: Final = mujoco.mjtIntegrator.mjINT_RK4
+_WHOLE: Final = 1e-6
+"""Share of a step by which a tick may differ from whole steps."""
 
 
 def _servo_damping(model: mujoco.MjModel) -> Array:
@@ -356,16 +365,6 @@ class _StepOptions:
         return {"timestep": float(self._option.timestep), "gravity": _gravity(self._model)}
 
 
-HostSource: TypeAlias = "mujoco.MjSpec | mujoco.MjModel | str | Path"
-Model: TypeAlias = mujoco.MjModel
-Data: TypeAlias = mujoco.MjData
-_MOUNT: Final = "cosim_mount"
-_MOST_NAMES: Final = 40
-_RK4: Final = mujoco.mjtIntegrator.mjINT_RK4
-_WHOLE: Final = 1e-6
-"""Share of a step by which a tick may differ from whole steps."""
-
-
 @final
 @dataclass(frozen=True)
 class HostModel:
@@ -471,7 +470,7 @@ def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
     if isinstance(source, str | Path):
         read = mjcf_files.read_mjcf_file(Path(source), "scene")
         return read.spec, read.model
-    mjcf_files.set_up_engine()
+    engine.set_up_engine()
     if isinstance(source, mujoco.MjModel):
         return None, source
     if not isinstance(source, mujoco.MjSpec):
@@ -482,7 +481,7 @@ def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # whoever compiles it sees them
             model = source.copy().compile()
-        mjcf_files.check_finite(model)
+        engine.check_finite(model)
     except ValueError as error:
         text = str(error).replace("\n", ", ")
         raise InputError(f"spec: MuJoCo refuses it: {text:.500}") from None

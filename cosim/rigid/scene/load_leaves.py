@@ -1,4 +1,6 @@
-"""Leaves over loads in a scene: of servos, on bodies, and the part of a reading that they leave."""
+"""Kernels for loads in a scene: torques of servos, power on bodies, and the flange sensor's reading without
+the soft robot's load.
+"""
 
 from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import kernel
@@ -6,7 +8,7 @@ from cosim.base.kernels import kernel
 
 @kernel
 def near_limit(asked: Vector, carried: Vector, acceleration: Vector, limit: Vector) -> bool:
-    """Return whether any servo may give more torque than its joint bears, see `ArmServos`.
+    """Return whether any servo may exceed its torque limit, see `ArmServos`.
 
     Args:
         asked: u (joints,) [N m], at the speed at which a step begins.
@@ -47,7 +49,7 @@ def power_on_bodies(
 
     Args:
         loads: (bodies, 6) [N, N m], about centres of mass, world axes.
-        loaded: (bodies,), 1 for those that count.
+        loaded: (bodies,), 1 for bodies whose loads are summed.
         spin: (bodies, 6) [rad/s, m/s], angular then linear velocity, at `tree`.
         tree: (bodies, 3) [m], centres of mass of trees of bodies, world.
         root: (bodies,), the tree of each body.
@@ -67,21 +69,21 @@ def power_on_bodies(
 
 @kernel
 def add_mounted(
-    load: Vector, axes: Matrix, force: Vector, torque: Vector, share: float, mounted: Vector
+    load: Vector, axes: Matrix, force: Vector, torque: Vector, fraction: float, mounted: Vector
 ) -> None:
-    """Add to mounted (6,) a share of what a flange's sensor shows beyond a load on the flange.
+    """Add to mounted (6,) the part of a flange sensor's reading that a load on the flange does not explain.
 
     Args:
         load: (6,) [N, N m], on the flange at its origin, world axes.
-        axes: (3, 3), world from flange, as the sensor was read.
-        force: (3,) [N], and
-        torque: (3,) [N m], that the arm exerts on the flange, flange axes.
-        share: of the step in a tick.
-        mounted: filled, world axes.
+        axes: (3, 3), world from flange, at the sensor's reading.
+        force: (3,) [N], of the arm on the flange, flange axes.
+        torque: (3,) [N m], of the arm on the flange, flange axes.
+        fraction: length of the step over that of the tick.
+        mounted: (6,) [N, N m], world axes; the mean over the tick is accumulated.
     """
     for r in range(3):
-        mounted[r] -= share * load[r]
-        mounted[3 + r] -= share * load[3 + r]
+        mounted[r] -= fraction * load[r]
+        mounted[3 + r] -= fraction * load[3 + r]
         for c in range(3):
-            mounted[r] -= share * axes[r, c] * force[c]
-            mounted[3 + r] -= share * axes[r, c] * torque[c]
+            mounted[r] -= fraction * axes[r, c] * force[c]
+            mounted[3 + r] -= fraction * axes[r, c] * torque[c]

@@ -1,9 +1,7 @@
-"""Draws rigid bodies and the film with MuJoCo's renderer, as a camera sees them, without a screen.
-
-The renderer has a model for itself, made of what is drawn: every rigid body and camera is a body that is put
-where it is, and the film is a skin whose vertices are set to the film's nodes. A run's model knows nothing of
-it. Colours are one pass; depths and segments are another, in which every thing has one colour, so that edges
-do not mix.
+"""Renders rigid bodies and the film with MuJoCo, as a camera sees them, without a screen. The renderer has a
+separate model of what is drawn: each rigid body and camera is a body that is set to its pose, and
+the film is a skin whose vertices are set to the film's nodes. Colour is one pass; depth and segmentation are
+another, in which every body has one colour, so that edges do not mix.
 """
 
 import os
@@ -22,7 +20,7 @@ from cosim.base.solid import BodyShape
 from cosim.errors import InputError, OutputError
 
 NOTHING, FILM, FIRST_BODY = 0, 1, 2
-"""Segments: what is not there, the film, and rigid bodies from the first one on."""
+"""Values of the segmentation: background, the film, and rigid bodies from this number on."""
 _NEAR_m: Final = 0.005
 _FAR_m: Final = 20.0
 _FILM_RGBA: Final = (0.75, 0.80, 0.88, 1.0)
@@ -36,7 +34,7 @@ _REMEDY: Final = (
 @final
 @dataclass(frozen=True)
 class Lens:
-    """What a camera's picture is like.
+    """Size and field of view of a camera's picture.
 
     Args:
         width: in pixels.
@@ -52,11 +50,11 @@ class Lens:
 @final
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a camera sees.
+    """A picture of a camera.
 
     Args:
         rgb: (height, width, 3).
-        depth_m: (height, width), along the line of sight of the picture's centre; infinite where nothing is.
+        depth_m: (height, width), along the line of sight of the picture's centre; infinite in the background.
         segments: (height, width), `NOTHING`, `FILM`, or `FIRST_BODY` and on.
     """
 

@@ -1,9 +1,7 @@
-"""A step of MuJoCo with servos that damp implicitly and give no more torque than their joints bear.
-
-A servo's torque is u - h K a, where u is the torque at the speed at which the step begins, K its damping, h
-the step and a the acceleration. The joints carry h K as armature, so MuJoCo solves (M + h K) a = u + ..., and
-its own actuator force is u, which depends on the step. A joint at its limit gets the limit itself instead,
-and its armature is then without h K.
+"""Steps MuJoCo with servos whose damping is implicit and whose torque is limited. A servo's torque is u - h K
+a, with u the torque at the speed at the step's begin, K its damping, h the step and a the acceleration. The
+joints carry h K as armature, so MuJoCo solves (M + h K) a = u + ..., and its actuator force is u. A joint at
+its limit gets the limit as torque, and its armature is then without h K.
 """
 
 from collections.abc import Sequence
