@@ -22,7 +22,7 @@ from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, UnreachableError
-from cosim.plan.tip_paths import reach
+from cosim.plan.tip_targets import reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import Equilibrium, StepOptions

@@ -30,8 +30,8 @@ from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
-from cosim.plan.motion import FlangeWay, pose_of
-from cosim.plan.planning import start_equilibrium
+from cosim.plan.flange_motion import FlangeMotion, pose_of
+from cosim.plan.static_plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, center_line_length, center_rings
 from cosim.soft.solve import tip_target as search
@@ -97,7 +97,7 @@ class Bench:
 
     def walked(self, begin: Equilibrium, pose: Pose) -> Equilibrium:
         """Return the equilibrium followed to a flange pose in small pieces."""
-        here, way = begin, FlangeWay.to(begin.world_from_flange, pose)
+        here, way = begin, FlangeMotion.to(begin.world_from_flange, pose)
         for k in range(1, PIECES + 1):
             here = self.soft.equilibrium_solver.follow(here, way.at(k / PIECES), begin.loads)
         return here

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody
     from cosim.coupling.schemes.ledger import LedgerEntry
     from cosim.devices.controller import Measurement
-    from cosim.plan.plan import SoftCommand
+    from cosim.plan.commands import SoftCommand
     from cosim.rigid.scene.host_scene import Data, HostModel, HostScene, HostSource, Model
     from cosim.soft.body.body import SoftBody
     from cosim.soft.body.loads import Loads

@@ -118,8 +118,8 @@ def _rows(phases: Sequence[PhasePlan], settles: bool, rate_Hz: float) -> _Rows:
 
 
 def _table(name: str, run: SteppedRun, rows: _Rows, cables: Sequence[str]) -> JointTable:
-    from cosim.plan.motion import progress
-    from cosim.plan.plan import CommandRamp
+    from cosim.plan.commands import CommandRamp
+    from cosim.plan.ramp import progress
 
     joints, asked = [], []
     for planned, first, end in rows.phases:

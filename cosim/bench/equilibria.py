@@ -19,7 +19,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text, unknown_name_message
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError, InputError, ScenarioError
-from cosim.plan.motion import pose_of
+from cosim.plan.flange_motion import pose_of
 from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import center_line_length, center_rings

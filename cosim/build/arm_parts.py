@@ -18,9 +18,9 @@ from cosim.config.several_arms import of_arm
 from cosim.config.toml.rules import Faults, errors_at
 from cosim.errors import ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
-from cosim.plan import asked_motion, clearance, motion, planning
+from cosim.plan import cell_motion, joint_path, path_clearance, required_motion, start_checks, static_plan
 from cosim.plan.arm_limits import PathClearances, PlannedArm
-from cosim.plan.joint_planner import led_joints, nearest_start, plan_joints
+from cosim.plan.joint_planner import nearest_start, plan_joints, prescribed_joints
 from cosim.plan.plan import Plan
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import SceneDescription
@@ -45,7 +45,7 @@ class DescribedArm:
 
     arm: Arm
     name: str
-    driven: motion.CellMotion | None
+    driven: cell_motion.CellMotion | None
     description: SceneDescription
 
     @classmethod
@@ -149,7 +149,7 @@ def check_starts(shared: SceneOfArms, joints: Mapping[str, Array]) -> None:
         scene.set_joint_state(start)
     for (name, start), scene in zip(joints.items(), shared.arms, strict=True):
         with of_arm(name):
-            clearance.check_stands(scene.links.at(start), "start.flange")
+            start_checks.check_no_overlap(scene.links.at(start), "start.flange")
 
 
 @final
@@ -179,7 +179,7 @@ class ArmParts:
         self._scenario, self._kept = scenario, kept
         one = described or DescribedArm.of(scenario, kept)
         self.arm, self.driven, self._arm_name = one.arm, one.driven, one.name
-        self._led = led_joints(self.arm, scenario.start, scenario.phases)
+        self._led = prescribed_joints(self.arm, scenario.start, scenario.phases)
         self._geometry_name = one.name_of(_geometry(one.description))
         self.scene = (
             RigidScene(one.description, compiled_scene(scenario, kept, one)) if scene is None else scene
@@ -194,8 +194,8 @@ class ArmParts:
             )  # fmt: skip
 
     def plan_joints(
-        self, start: Pose, ways: list[planning.AnyWay], blame: Callable[[int], str]
-    ) -> tuple[motion.JointPath, ...]:
+        self, start: Pose, ways: list[static_plan.AnyFlangeMotion], blame: Callable[[int], str]
+    ) -> tuple[joint_path.JointPath, ...]:
         """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`.
 
         If the arm would penetrate something at the start, another configuration is tried. With
@@ -203,8 +203,8 @@ class ArmParts:
         """
 
         def planned(
-            around: object = None, clear: Callable[[tuple[motion.JointPath, ...]], bool] | None = None
-        ) -> tuple[motion.JointPath, ...]:
+            around: object = None, clear: Callable[[tuple[joint_path.JointPath, ...]], bool] | None = None
+        ) -> tuple[joint_path.JointPath, ...]:
             return self._kept.made(
                 "joint paths", name_of(self._arm_name, start, ways, self._led, around),
                 lambda: plan_joints(self.arm, start, ways, blame, self._led, clear),
@@ -212,9 +212,9 @@ class ArmParts:
 
         settings = self._scenario.plan
         if settings.collision == "refuse" and self.arm.has_spare_joints:
-            clear = partial(clearance.keeps_clear, self.scene, settings.clearance_m)
+            clear = partial(path_clearance.keeps_clear, self.scene, settings.clearance_m)
             return planned((self._geometry_name, settings.clearance_m), clear)
-        paths, stands = planned(), partial(clearance.stands_clear, self.scene)
+        paths, stands = planned(), partial(start_checks.is_clear_at_start, self.scene)
         return paths if stands(paths) else planned(self._geometry_name, stands)
 
     def motion_name(self, plan: Plan) -> str:
@@ -241,7 +241,7 @@ class ArmParts:
         )
         return self._kept.made(
             "clearances", name,
-            lambda: clearance.path_clearances(
+            lambda: path_clearance.path_clearances(
                 self.scene, plan, body, settings, self.driven, film_touches=film_touches
             ),
         )  # fmt: skip
@@ -259,8 +259,8 @@ class ArmParts:
 
         def made() -> PlannedArm:
             nearest = nearest_start(arm, plan.start, self._led[0])
-            found = asked_motion.planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic)
-            return replace(found, avoided=clearance.avoided_start(scene, plan.joints, nearest))
+            found = required_motion.planned_arm(arm, scene, plan, payload, clearances, dynamic=dynamic)
+            return replace(found, avoided=start_checks.avoided_start(scene, plan.joints, nearest))
 
         name = name_of(
             self.motion_name(plan), self._geometry_name, gravity, tick_s, payload, clearances, dynamic

@@ -15,7 +15,7 @@ from cosim.config.schema.objects import SceneTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.rules import errors_at
-from cosim.plan.motion import CellMotion, cell_motion
+from cosim.plan.cell_motion import CellMotion, cell_motion
 from cosim.rigid.build import mounting
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
+from cosim.plan.film_reach import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report
 from cosim.soft.body.body import SoftBody

@@ -13,8 +13,8 @@ from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.config.toml.rules import Faults
 from cosim.errors import MOST_LINES, InputError, ScenarioError
 from cosim.kinematics.arm import Arm
-from cosim.plan import motion, planning
-from cosim.plan.clearance import checked_start, drawn_payload
+from cosim.plan import flange_motion, planning
+from cosim.plan.start_checks import checked_start, drawn_payload
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 
@@ -37,7 +37,7 @@ def flange_at_home(file: arm_file.ArmFile) -> str:
     """Return the flange's pose at home, as the line `start.flange = {...}` of a scenario."""
     pose = Arm(file).forward(file.home)
     direction = pose.rotation[:, 2].round(4)
-    rolled = motion.rotation_from_direction(direction).T @ pose.rotation
+    rolled = flange_motion.rotation_from_direction(direction).T @ pose.rotation
     place, way = (", ".join(f"{x + 0.0:.4f}" for x in v) for v in (pose.translation, direction))
     roll = f"{math.atan2(rolled[1, 0], rolled[0, 0]) + 0.0:.4f}"
     return f"at home: start.flange = {{ position_m = [{place}], direction = [{way}], roll_rad = {roll} }}"
@@ -66,7 +66,7 @@ def check_built(scenario: Scenario, kept: kept_parts.KeptParts | None = None) ->
 
     Raises:
         ScenarioError: with faults by key; see `build_soft_body`, `ArmParts`, `check_start` and
-            `check_given_ways`.
+            `check_given_motions`.
     """
     _start_of(scenario, kept_parts.KeptParts() if kept is None else kept)
 
@@ -83,7 +83,7 @@ def _start_of(scenario: Scenario, kept: kept_parts.KeptParts) -> Array | None:
     if scenario.robot == NO_ARM:
         return None
     planner = checked_start(built.plan_joints, built.arm, built.scene, drawn_payload(body, built.mounted))
-    return planning.check_given_ways(scenario, planner)
+    return planning.check_given_motions(scenario, planner)
 
 
 def check_arms(scenario: several_arms.ArmsScenario) -> None:

@@ -21,11 +21,12 @@ from cosim.devices.device_loop import Actuation, PlannedCommands
 from cosim.devices.live import live_commands
 from cosim.devices.live.live_values import LiveBounds
 from cosim.errors import ScenarioError, SolverError
-from cosim.plan import arm_limits, clearance, section_plan
-from cosim.plan.clearance import check_base, checked_start, drawn_payload
+from cosim.plan import arm_limits, film_reach, path_clearance, section_plan
 from cosim.plan.decision import CONTACT, ONLY_IN_REACH, OTHER_FILMS, Choices, Decision
 from cosim.plan.plan import Plan
-from cosim.plan.planning import JointPlanner, SolvedPhases, make_plan, solved_phases
+from cosim.plan.planning import JointPlanner, make_plan
+from cosim.plan.start_checks import check_base, checked_start, drawn_payload
+from cosim.plan.static_plan import SolvedPhases, solved_phases
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
@@ -201,9 +202,9 @@ class _Planned:
     payload: Payload
 
     @property
-    def on_its_way(self) -> clearance.ArmOnItsWay:
+    def on_its_way(self) -> path_clearance.PlannedArmMotion:
         """Its motion, for the clearances of other arms in the scene."""
-        return clearance.ArmOnItsWay(self.parts.scene, self.plan, self.model.body)
+        return path_clearance.PlannedArmMotion(self.parts.scene, self.plan, self.model.body)
 
 
 def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
@@ -229,13 +230,13 @@ def _carried(
     carrier = carried_by(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
-    travel = clearance.flange_travel(arm, plan, clearance.film_reach(soft.body, 0.0))
+    travel = film_reach.flange_travel(arm, plan, film_reach.film_reach(soft.body, 0.0))
     clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
-    clear = clearance.clearances_to_others(
+    clear = path_clearance.clearances_to_others(
         clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
         film_touches=contact.included,
     )  # fmt: skip
-    clearance.check_clearances(clear, plan, scenario.plan)
+    path_clearance.check_clearances(clear, plan, scenario.plan)
     asked = parts.asked(plan, planned.payload, clear)
     modelled = decisions(scenario, soft.body, plan, contact, travel) + finer_steps(scenario, scene)
     way = parts.motion_name(plan)

@@ -16,7 +16,7 @@ from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.soft_sides import frozen_body, lumped_arm, section_arm, soft_side
-from cosim.plan.motion import pose_of
+from cosim.plan.flange_motion import pose_of
 from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.parts import film_law

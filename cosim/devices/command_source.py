@@ -20,8 +20,9 @@ from cosim.devices.controller import Command, Measurement
 from cosim.devices.device_report import ActuationReport
 from cosim.devices.drives import CableDrive
 from cosim.errors import InputError
-from cosim.plan.motion import JointReference
-from cosim.plan.plan import ChamberGas, RobotCommand, SoftCommand
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.plan.commands import RobotCommand, SoftCommand
+from cosim.plan.joint_path import JointReference
 from cosim.soft.elements.cable import stretch_at
 
 

@@ -49,16 +49,10 @@ from cosim.devices.drives import (
     orders_of,
 )
 from cosim.errors import InputError, ScenarioError
-from cosim.plan.plan import (
-    ChamberGas,
-    CommandRamp,
-    IncrementReferences,
-    PhasePlan,
-    Plan,
-    RobotCommand,
-    SoftCommand,
-    TickReferences,
-)
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.plan.commands import CommandRamp, RobotCommand, SoftCommand
+from cosim.plan.plan import PhasePlan, Plan
+from cosim.plan.references import IncrementReferences, TickReferences
 from cosim.soft.body.body import SoftBody
 
 

@@ -53,7 +53,7 @@ class _Search:
 
     solutions: list[Array]
     best: Array
-    led: Array | None = None
+    prescribed: Array | None = None
     best_error: float = np.inf
     iterations: int = 0
 
@@ -64,7 +64,7 @@ def solve(
     seed: Array,
     candidates: int = 4,
     restarts: int = RESTARTS,
-    led: Array | None = None,
+    prescribed: Array | None = None,
 ) -> Solution:
     """Return a configuration near the seed whose flange is at a pose.
 
@@ -83,7 +83,7 @@ def solve(
         seed: (joints,) [rad].
         candidates: solutions that are compared, unless one is near the seed; the nearest is taken.
         restarts: at most, beyond the start from the seed; equal ones each time.
-        led: (joints,) [rad], where some joints are to be; nan of the others.
+        prescribed: (joints,) [rad], where some joints are to be; nan of the others.
 
     Raises:
         UnreachableError: nothing found; `closest` holds the closest pose.
@@ -91,7 +91,7 @@ def solve(
     start = np.array(seed, dtype=np.float64)
     error = arm.error_towards(target)
     rng = np.random.default_rng(0)
-    search = _Search([], start, led)
+    search = _Search([], start, prescribed)
     in_reach = bool(np.linalg.norm(target.translation - arm.shoulder) <= arm.reach + _TOLERANCE)
     # Out of reach, a few starts serve to name the closest pose.
     attempt = 0
@@ -114,14 +114,14 @@ def solve(
     return Solution(q, position, rotation, search.iterations, attempt)
 
 
-def follow(arm: Arm, path: Sequence[Pose], start: Array, led: Array | None = None) -> Array:
+def follow(arm: Arm, path: Sequence[Pose], start: Array, prescribed: Array | None = None) -> Array:
     """Return configurations (poses, joints) [rad] along a path, without a change of branch.
 
     Args:
         arm: the arm.
         path: world_from_flange, closely spaced.
         start: (joints,) [rad], at or near the first pose.
-        led: (poses, joints) [rad], where some joints are to be; nan of the others.
+        prescribed: (poses, joints) [rad], where some joints are to be; nan of the others.
 
     Raises:
         UnreachableError: the branch ends (singularity or joint limit) or a joint would have to jump.
@@ -130,7 +130,7 @@ def follow(arm: Arm, path: Sequence[Pose], start: Array, led: Array | None = Non
     for index, target in enumerate(path):
         seed = np.array(q, dtype=np.float64)
         error = arm.error_towards(target)
-        search = _Search([], seed, None if led is None else led[index])
+        search = _Search([], seed, None if prescribed is None else prescribed[index])
         found = _descend(arm, error, seed, search)
         if found is None:
             reason = f"the branch followed ends before pose {index} of the path"
@@ -156,9 +156,9 @@ def _descend(
     arm: Arm, error: PoseError, start: Array, search: _Search, *, thorough: bool = False
 ) -> Array | None:
     """Return where the steps from a start converge to, or None; the best point goes into `search`."""
-    q, history, led = start, [], search.led
-    if led is not None:
-        q = np.where(np.isnan(led), q, led)
+    q, history, prescribed = start, [], search.prescribed
+    if prescribed is not None:
+        q = np.where(np.isnan(prescribed), q, prescribed)
     limited = np.flatnonzero(~arm.turns_fully)
     iterations = _ITERATIONS * (2 if thorough else 1)
     patience = iterations if thorough else _PATIENCE
@@ -175,7 +175,7 @@ def _descend(
         damping = _DAMPING * squared
         step = _step(deviation, derivative, damping)
         if arm.has_spare_joints:
-            weights = _weights(arm, q, step, led)
+            weights = _weights(arm, q, step, prescribed)
             step = weights * _step(deviation, derivative * weights, damping)
         q = q + step
         if limited.size:
@@ -192,17 +192,17 @@ def _step(deviation: Array, derivative: Array, damping: float) -> Array:
     return np.zeros(derivative.shape[1]) if failed else -derivative.T @ weights
 
 
-def _weights(arm: Arm, q: Array, step: Array, led: Array | None) -> Array:
-    """Return the roots (joints,) of the weights of a step: 0 of joints that are led, less near a limit ahead.
+def _weights(arm: Arm, q: Array, step: Array, prescribed: Array | None) -> Array:
+    """Return the square roots (joints,) of a step's weights: 0 of prescribed joints, smaller near a limit.
 
     With J times them, and the step times them, the least step is the weighted one.
     """
     ahead = np.where(step > 0.0, arm.upper - q, q - arm.lower)
     limited = ~arm.turns_fully & np.isfinite(ahead)
-    share = np.ones(len(q))
-    share[limited] = ahead[limited] / (_SLOWED * (arm.upper - arm.lower)[limited])
-    weights = np.clip(share, 0.0, 1.0)
-    return weights if led is None else np.where(np.isnan(led), weights, 0.0)
+    fraction = np.ones(len(q))
+    fraction[limited] = ahead[limited] / (_SLOWED * (arm.upper - arm.lower)[limited])
+    weights = np.clip(fraction, 0.0, 1.0)
+    return weights if prescribed is None else np.where(np.isnan(prescribed), weights, 0.0)
 
 
 def _scattered(arm: Arm, start: Array, spread: float, rng: np.random.Generator) -> Array:

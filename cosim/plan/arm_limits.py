@@ -1,4 +1,4 @@
-"""Bounds of an arm's joints, and how near to them, or how far beyond, a motion comes."""
+"""Limits of an arm's joints, and the values of a motion that come nearest to them."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:  # a scene without an arm waits for neither engine
     from cosim.kinematics.arm import Arm
 
 TRACKING_BOUND_RAD: Final = 0.1
-"""Distance of a joint from where it is asked to be, above which the arm does not follow its plan."""
+"""Distance of a joint from its reference above which the arm does not follow its plan."""
 
 UNITS: Final[Mapping[str, str]] = {
     "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "torque": "N m",
     "tracking_error": "rad",
 }  # fmt: skip
-"""Of what is compared with bounds."""
+"""Units of the quantities that have limits."""
 
 PLANNED: Final = "planned: "
-"""What warnings of a plan begin with."""
+"""Prefix of the warnings of a plan."""
 
 _ROUNDING = 1e-9
 _ROUGH: Final = 1e-6
@@ -37,7 +37,7 @@ _MISREAD_M: Final = 0.005
 @final
 @dataclass(frozen=True)
 class ArmLimits(Shown):
-    """What the joints of an arm allow; infinite where its file states no bound.
+    """Limits of an arm's joints; infinite if its file states none.
 
     Args:
         joint_names: base to flange.
@@ -59,14 +59,14 @@ class ArmLimits(Shown):
 
     @classmethod
     def of(cls, arm: Arm) -> ArmLimits:
-        """Return those of an arm."""
+        """Return the limits of an arm."""
         return cls(
             arm.joint_names, arm.lower, arm.upper, _or_infinite(arm.velocity_limit), arm.acceleration_bound,
             _or_infinite(arm.effort_limit), arm.prismatic,
         )  # fmt: skip
 
     def check_measured(self, joints: Array, place: str) -> None:
-        """Refuse joint positions that no arm within these bounds can have, such as angles in degrees.
+        """Check that joint positions are not far beyond the limits, such as angles in degrees.
 
         Args:
             joints: (joints,) [rad], of sliding ones [m].
@@ -84,7 +84,7 @@ class ArmLimits(Shown):
             )
 
     def too_fast(self, ways: Array, within_s: float | Array) -> Mask:
-        """Return which ways (..., joints) [rad] are longer than the joints go within some time.
+        """Return a mask (..., joints) of displacements that take longer than some time at the largest speed.
 
         Args:
             ways: see above.
@@ -102,7 +102,7 @@ class ArmLimits(Shown):
     def extreme(
         self, quantity: str, values: Array, time_s: Array, phase: IntArray, before: Extreme | None = None
     ) -> Extreme | None:
-        """Return where values come nearest to their bound, or farthest beyond it; None without any.
+        """Return the value nearest to its limit, or farthest beyond it; None without any.
 
         Args:
             quantity: in `UNITS`.
@@ -137,14 +137,14 @@ class ArmLimits(Shown):
 @final
 @dataclass(frozen=True)
 class Extreme:
-    """The value of one quantity that comes nearest to its bound.
+    """The value of one quantity that is nearest to its limit.
 
     Args:
         quantity: in `UNITS`.
         joint: its name.
         value: in that unit, signed.
         bound: the one that is nearest.
-        excess: above 0 beyond the bound; of positions [rad], else as a share of the bound.
+        excess: above 0 beyond the bound; of positions [rad], else as a fraction of the bound.
         time_s: simulated.
         phase: index.
         prismatic: whether the joint slides: units are [m] and [N] then.
@@ -163,12 +163,12 @@ class Extreme:
 
     @property
     def beyond(self) -> bool:
-        """Whether it is beyond the bound."""
+        """Whether it is beyond the limit."""
         return not self.excess <= _ROUNDING
 
     @property
     def unit(self) -> str:
-        """Of the value."""
+        """Unit of the value."""
         turning = UNITS[self.quantity]
         return turning.replace("rad", "m").replace("N m", "N") if self.prismatic else turning
 
@@ -185,7 +185,7 @@ class Extreme:
         }
 
     def text(self, phase_names: tuple[str, ...]) -> str:
-        """Return it as part of a sentence: what, how much, where and when."""
+        """Return a phrase with quantity, joint, value, limit and time."""
         name = self.quantity.replace("_", " ")
         return (
             f"{name} of {self.joint} {self.value:.3g} {self.unit} (bound {self.bound:.3g}) at "
@@ -217,7 +217,7 @@ class Touch:
         return vars(self) | {"phase": phase_names[self.phase]}
 
     def text(self, phase_names: tuple[str, ...]) -> str:
-        """Return it as part of a sentence."""
+        """Return a phrase with link, body, depth and time."""
         since = f"from {self.first_s:.3f} s on, in phase '{phase_names[self.phase]}'"
         if self.depth_m < 0.0:
             return f"{self.link} comes near {self.other} {since}, up to {-1e3 * self.depth_m:.1f} mm"
@@ -227,7 +227,7 @@ class Touch:
 def with_touches(
     before: tuple[Touch, ...], found: Iterable[LinkContact], time_s: float, phase: int
 ) -> tuple[Touch, ...]:
-    """Return what has touched so far, with what touches at one more instant."""
+    """Return the touches so far, updated with the contacts of another instant."""
     known = {(touch.link, touch.other): touch for touch in before}
     for contact in found:
         key = contact.link, contact.other
@@ -243,7 +243,7 @@ def _or_infinite(limit: Array) -> Array:
 @final
 @dataclass(frozen=True)
 class Nearest:
-    """The two solids that come nearest to one another.
+    """The two solids with the smallest distance.
 
     Args:
         link: one of them, of a link or of the soft robot.
@@ -265,14 +265,14 @@ class Nearest:
 
 
 def nearer(one: Nearest | None, other: Nearest | None) -> Nearest | None:
-    """Return the nearer of two; None where neither is."""
+    """Return the nearer of two pairs of solids; None if both are None."""
     return min((each for each in (one, other) if each), key=lambda each: each.distance_m, default=None)
 
 
 @final
 @dataclass(frozen=True)
 class PathClearances:
-    """How near a robot comes to what is around it on its planned way.
+    """Clearances of a robot along its planned motion.
 
     Args:
         touches: whatever comes nearer than it may, in the order of time.
@@ -293,7 +293,7 @@ class PathClearances:
 @final
 @dataclass(frozen=True)
 class PlannedArm:
-    """How near to its bounds a plan takes an arm.
+    """Planned motion of an arm compared with its limits.
 
     Args:
         limits: of the arm.
@@ -323,7 +323,7 @@ class PlannedArm:
         return () if self.clearances is None else self.clearances.touches
 
     def warnings(self) -> list[str]:
-        """Return a line for an avoided start, for each bound that the plan goes beyond, for each contact."""
+        """Return lines for an avoided start configuration, each exceeded limit, and each contact."""
         other = "the arm begins in another configuration; in the one nearest to its home, "
         texts = [f"{other}{self.avoided}"] if self.avoided else []
         texts += [each.text(self.phase_names) + each.remedy for each in self.extremes if each.beyond]

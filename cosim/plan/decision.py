@@ -1,8 +1,5 @@
-"""What a run models or leaves out, and what its state depends on.
-
-One thing that a run models or leaves out.
-
-What a run has been built for and its state depends on: who continues from that state keeps to it.
+"""Decisions of a run on the effects that it models, with their reasons, and the settings that a continued run
+must keep.
 """
 
 from dataclasses import dataclass
@@ -14,18 +11,22 @@ if TYPE_CHECKING:
     from cosim.config.schema.scenario import Scenario
 
 SECTION_RANGE: Final = "motion within the section model's range"
+CONTACT: Final = "contact with the scene"
+"""Effect of the decision on contact."""
+CONTACT_ENABLED: Final = "contact.enabled"
+ONLY_IN_REACH: Final = "contact.only_in_reach"
 
 
 @final
 @dataclass(frozen=True)
 class Decision:
-    """Whether something is modelled, and why.
+    """Whether an effect is modelled, and why.
 
     Args:
-        what: it is.
+        what: the effect.
         included: whether it is modelled.
         reason: why, or why not.
-        switch: key of the scenario that decides otherwise; "body" for a body given from Python.
+        switch: key of the scenario that changes the decision; "body" for a body given from Python.
     """
 
     what: str
@@ -39,23 +40,19 @@ class Decision:
         return f"{self.what}: {self.reason} ({self.switch})"
 
 
-CONTACT: Final = "contact with the scene"
-"""What the decision is on."""
 OTHER_FILMS: Final = Decision(
     "contact with the films of other arms", False, "they pass through one another; a run looks for it", "arm"
 )
-CONTACT_ENABLED: Final = "contact.enabled"
-ONLY_IN_REACH: Final = "contact.only_in_reach"
 
 
 @final
 @dataclass(frozen=True)
 class Choices:
-    """What the kind of a run's state follows from.
+    """Settings of a run that a run which continues from its state must keep.
 
     Args:
         values: of the scenario, by key.
-        contact: whether contact with the scene is modelled, and why.
+        contact: decision on contact with the scene.
     """
 
     values: dict[str, str]
@@ -63,17 +60,20 @@ class Choices:
 
     @classmethod
     def of(cls, scenario: "Scenario", contact: Decision) -> "Choices":
-        """Return the choices of a scenario, with what has been decided on contact."""
+        """Return the settings of a scenario, with the decision on contact."""
         values: dict[str, str] = {"mode": scenario.mode, "fidelity": scenario.fidelity}
         if scenario.mode == "dynamic":
             values["coupling.scheme"] = scenario.coupling.scheme
         return cls(values, contact)
 
     def check(self, here: "Choices") -> None:
-        """Check that a run with other choices can continue from a state of this one.
+        """Check that a run with other settings can continue from a state of this run.
+
+        Args:
+            here: settings of the run that continues.
 
         Raises:
-            InputError: it cannot; the text names key, both values and what to do.
+            InputError: it cannot; the message names key, both values and the remedy.
         """
         for key, value in self.values.items():
             other = here.values.get(key, value)
@@ -97,11 +97,10 @@ class Choices:
     def keep(self, contact: Decision) -> Decision:
         """Return the decision on contact of a run that continues from this one.
 
-        What has been left out because nothing was in reach begins untouched where something comes into reach
-        now; what has been modelled stays so, with what it touches, though nothing would be in reach any more.
+        If this run models contact, the continuing run does so as well, even if nothing is in reach.
 
         Args:
-            contact: what would be decided again.
+            contact: decision of the continuing run without this rule.
         """
         if self.contact.included and contact.switch == ONLY_IN_REACH and not contact.included:
             reason = f"as in the run that it continues from: {self.contact.reason}"

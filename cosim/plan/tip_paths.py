@@ -1,15 +1,8 @@
-"""Paths and targets of the tip, and the flange's motion that takes the deformed tip there.
-
-A motion of the flange through poses that have been worked out one by one.
-
-The flange's motion that takes the deformed tip along a path, found on the statics before anything runs.
-
-From one instant to the next the flange first moves as if the tip were fixed to it, then Gauss-Newton steps by
-the exact sensitivities bring the tip onto the path; of all flange motions that do, the smallest is taken, so
-that what the path leaves free (the roll about the tip, or its direction) changes as little as it can. An arm
-that moves feels gravity less its acceleration a, and its damping c as one more: g - a - c v.
-
-The motion that brings the tip to a target, found on the statics before anything runs.
+"""Finds the flange's motion with the deformed tip on a path, on the statics. For each instant the flange
+first moves as if the tip was fixed to it; then Gauss-Newton steps with the exact sensitivities bring the tip
+onto the path. Of all flange motions that do, the smallest is used, so free components (the roll about the
+tip, or its direction) change as little as possible. A moving arm has the effective gravity g - a - c v, with
+the path's acceleration a, its velocity v and the air drag c.
 """
 
 import math
@@ -22,29 +15,36 @@ from scipy.interpolate import CubicSpline
 
 from cosim.base.frames import Array, Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.base.tip_course import CourseInstant, TipCourse
-from cosim.config.schema.phase import TipPathTable, TipTargetTable
+from cosim.config.schema.phase import TipPathTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import CosimError, InputError, SolverError, UnreachableError
-from cosim.plan.motion import FlangeWay, PlannedTipPath, TipErrors, tip_distances
+from cosim.plan.tip_errors import PlannedTipPath, TipErrors, tip_distances
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, center_line_length, center_rings
-from cosim.soft.solve import tip_target as search
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.tip_target import TargetOptions, TargetSolution, TipTarget, shortest_turn
+from cosim.soft.solve.tip_target import TargetOptions, TipTarget, shortest_turn
 
 _KNOT_s: Final = 0.02  # of the joints' spline
 _PER_RAMP: Final = 10
 _FEWEST, _MOST = 50, 2000  # of its knots
+_STEP_m: Final = 8e-3  # of path from one instant to the next
+_TURN_rad: Final = 0.06
+_APPROACH: Final = 12  # load steps to the start pose of a straight arm
+_BEGINS_WITHIN: Final = (1e-4, 2e-3)  # m, rad
+_FELT_m_s2: Final = 0.5  # accelerations below this, a twentieth of gravity, bend an arm little
+_CLOSELY: Final = TargetOptions(position_tolerance_m=1e-6, angle_tolerance_rad=1e-5)
+"""Tight, because errors at instants some hundredths of a second apart would appear as accelerations."""
+_Next = Callable[[Equilibrium, CourseInstant, CourseInstant, Loads], Equilibrium]
 
 
 @final
 class PoseTrack:
-    """A motion from rest to rest: cubic splines through the flange's places and quaternions over time.
+    """A motion of the flange from rest to rest: cubic splines through positions and quaternions over time.
 
     Args:
         time_s: (k,), from 0 on, increasing.
         poses: k, world from flange.
-        course: of the tip, that it is made for.
+        course: target of the tip over time.
     """
 
     even: Final = False
@@ -65,25 +65,12 @@ class PoseTrack:
 
     @property
     def pieces(self) -> int:
-        """Into how many small motions it is cut."""
+        """Number of steps of inverse kinematics along the motion."""
         return min(max(_FEWEST, math.ceil(self._end_s / min(_KNOT_s, self.course.ramp_s / _PER_RAMP))), _MOST)
 
     def instant(self, fraction: float) -> CourseInstant:
-        """Return where the tip is to be at a fraction of the time."""
+        """Return the tip's target at a fraction of the time."""
         return self.course.at(fraction * self.course.duration_s)
-
-
-_STEP_m: Final = 8e-3  # of path from one instant to the next
-_TURN_rad: Final = 0.06
-
-_APPROACH: Final = 12  # pieces of the way to where a straight arm begins
-_BEGINS_WITHIN: Final = (1e-4, 2e-3)  # m, rad
-_FELT_m_s2: Final = 0.5  # a twentieth of gravity: what accelerates less bends an arm little
-
-_CLOSELY: Final = TargetOptions(position_tolerance_m=1e-6, angle_tolerance_rad=1e-5)
-"""Errors between instants that are some hundredths of a second apart are accelerations."""
-
-_Next = Callable[[Equilibrium, CourseInstant, CourseInstant, Loads], Equilibrium]
 
 
 @final
@@ -92,7 +79,7 @@ class FollowedPath:
     """A motion of the flange along a path of the tip.
 
     Args:
-        way: of the flange.
+        way: motion of the flange.
         end: equilibrium at its end.
         planned: the path.
     """
@@ -108,15 +95,15 @@ def follow_path(
     """Return the flange's motion along a path, and the equilibrium that it ends in.
 
     Args:
-        soft: follows equilibria.
-        begin: with the tip on the path's first point.
-        loads: at the end; they change evenly with time.
+        soft: soft side whose equilibria are solved.
+        begin: equilibrium with the tip on the path's first point.
+        loads: at the end; they change linearly with time.
         path: to follow.
-        air_drag_per_s: c; None in statics, where nothing has an acceleration.
+        air_drag_per_s: c; None in statics, without accelerations.
 
     Raises:
         UnreachableError: the tip does not begin on the path, or cannot follow it.
-        ConvergenceError: the equilibrium was lost on the way.
+        ConvergenceError: the equilibrium was lost along the path.
     """
     trip = _Trip(soft, path.course(), begin.loads, loads, air_drag_per_s)
     if path.reach_with == "none":
@@ -133,12 +120,12 @@ def follow_path(
 
 @final
 class _Trip:
-    """Goes from instant to instant of a course.
+    """Solves the equilibria at the instants of a course.
 
     Args:
-        soft: follows equilibria.
-        course: of the tip.
-        begin: loads at its begin.
+        soft: soft side whose equilibria are solved.
+        course: target of the tip over time.
+        begin: loads at its start.
         end: loads at its end.
         air_drag_per_s: c; None in statics.
     """
@@ -163,7 +150,7 @@ class _Trip:
         return replace(load, gravity=(x, y, z))
 
     def beginning_at(self, tip: TipFrame) -> CourseInstant:
-        """Return the path from a tip a little beside it; it comes onto the path within the first ramp."""
+        """Return the targets for a tip that is slightly off the path at first; it is on it after the first ramp."""
         first, since = self.instants.row(0), np.minimum(self._time_s / self.course.ramp_s, 1.0)
         beside = 1.0 - since**3 * (10.0 - 15.0 * since + 6.0 * since**2)
         place = self.instants.position + beside[:, None] * (tip.position - first.position)
@@ -178,36 +165,42 @@ class _Trip:
     def through(
         self, begin: Equilibrium, step: _Next, asked: CourseInstant | None = None
     ) -> list[Equilibrium]:
-        """Return the equilibria at all instants, each found from the one before; asked: of another path."""
+        """Return the equilibria at all instants, each solved from the one before.
+
+        Args:
+            begin: equilibrium at the first instant.
+            step: solves the next equilibrium.
+            asked: targets at the instants, in place of those of the course.
+        """
         path = asked or self.instants
-        found = [begin]
+        states = [begin]
         for k in range(1, len(self._time_s)):
             try:
-                found.append(step(found[-1], path.row(k - 1), path.row(k), self._loads[k]))
+                states.append(step(states[-1], path.row(k - 1), path.row(k), self._loads[k]))
             except CosimError as error:
                 raise _placed(error, self.instants.row(k)) from error
-        return found
+        return states
 
     def track(self, states: list[Equilibrium]) -> PoseTrack:
         """Return the motion of the flange through equilibria."""
         return PoseTrack(self._time_s, [state.world_from_flange for state in states], self.course)
 
     def errors(self, states: list[Equilibrium]) -> TipErrors:
-        """Return how far the tips of equilibria are from the path."""
+        """Return the errors of the tips of equilibria."""
         tips = [TipFrame.of(self._soft.body, state.state.positions) for state in states]
         return TipErrors.of(
             self.instants, np.array([t.position for t in tips]), np.array([t.direction for t in tips])
         )
 
     def uncompensated(self, rigid: "_RigidArm", begin: Equilibrium) -> TipErrors | None:
-        """Return how far the tip would be from the path on a flange that takes the arm to be straight."""
+        """Return the errors of the tip if the flange moves as for a straight arm; None without equilibria."""
         soft = self._soft
         try:
             wanted = self.instants.row(0)
             pose = rigid.pose(begin.world_from_flange, wanted.position, wanted.direction)
             first = begin
-            for share in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
-                between = begin.world_from_flange.interpolated(pose, share)
+            for fraction in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
+                between = begin.world_from_flange.interpolated(pose, fraction)
                 first = soft.follow(first, between, begin.loads)
             moved = self.through(first, lambda here, _, after, load: rigid.moved(soft, here, after, load))
         except SolverError:
@@ -228,15 +221,15 @@ class _RigidArm:
 
     @classmethod
     def at(cls, soft: SoftSide, here: Equilibrium) -> "_RigidArm":
-        """Return the arm as long as it is now."""
+        """Return a straight arm with the present length of the soft one."""
         return cls(center_line_length(center_rings(soft.body), here.state.positions))
 
     @classmethod
     def towards(cls, here: Equilibrium, instants: CourseInstant) -> "_RigidArm":
-        """Return the arm whose straight tip is on the path's first point.
+        """Return the straight arm whose tip is on the path's first point.
 
         Raises:
-            UnreachableError: none was found.
+            UnreachableError: the first point is not on the flange's z axis.
         """
         first, flange = instants.row(0), here.world_from_flange
         way = first.position - flange.translation
@@ -251,7 +244,7 @@ class _RigidArm:
         return cls(float(way @ axis))
 
     def pose(self, here: Pose, position: Array, direction: Array | None) -> Pose:
-        """Return the flange's next pose, for a tip at a position, along a direction if one is given."""
+        """Return the flange's next pose, for a tip at a position, with a direction unless that is None."""
         axis = here.rotation[:, 2]
         turn = shortest_turn(axis, axis if direction is None else direction)
         rotation = rotation_from_vector(turn) @ here.rotation
@@ -265,7 +258,7 @@ class _RigidArm:
 def _onto(
     soft: SoftSide, here: Equilibrium, before: CourseInstant, after: CourseInstant, loads: Loads
 ) -> Equilibrium:
-    """Return the equilibrium with the tip at the next instant's place."""
+    """Return the equilibrium with the tip on the target of the next instant."""
     turn, pose = np.eye(3), here.world_from_flange
     if before.direction is not None and after.direction is not None:
         turn = rotation_from_vector(shortest_turn(before.direction, after.direction))
@@ -275,7 +268,11 @@ def _onto(
 
 
 def _begin_tip(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> TipFrame:
-    """Return the tip where it is; raise UnreachableError where that is not the path's first point."""
+    """Return the tip at the start.
+
+    Raises:
+        UnreachableError: it is not on the path's first point.
+    """
     tip, first = TipFrame.of(soft.body, begin.state.positions), instants.row(0)
     (away,), (turned,) = tip_distances(first, tip.position[None], tip.direction[None])
     if away <= _BEGINS_WITHIN[0] and turned <= _BEGINS_WITHIN[1]:
@@ -298,7 +295,7 @@ def _remedy(first: CourseInstant) -> str:
 
 
 def _placed(error: CosimError, instant: CourseInstant) -> CosimError:
-    """Return an error that says where along the path it happened."""
+    """Return the error with the place along the path in front of its message."""
     text, felt = f"{instant}: {error}", float(np.linalg.norm(instant.acceleration))
     if felt > _FELT_m_s2:
         text += (
@@ -308,90 +305,3 @@ def _placed(error: CosimError, instant: CourseInstant) -> CosimError:
         return UnreachableError(text)
     error.args = (text, *error.args[1:])
     return error
-
-
-# A static path is cut finer than the joint path only where loads change much: these pieces suffice
-# for the branch to be the one that a slow motion follows.
-_LOAD_PIECES = 4
-_FINER = (1, 8)  # how much finer it is cut where it ends beside its target
-_SEARCHES = 3
-_ON_TARGET = TargetOptions(position_tolerance_m=1e-4, angle_tolerance_rad=1e-3)
-
-
-def walk(soft: SoftSide, begin: Equilibrium, way: FlangeWay, loads: Loads, finer: int = 1) -> Equilibrium:
-    """Return the equilibrium at the end of a slow motion.
-
-    Args:
-        soft: follows equilibria.
-        begin: where the motion starts.
-        way: of the flange.
-        loads: at the end; they change evenly.
-        finer: into how many times more pieces the motion is cut.
-
-    Raises:
-        ConvergenceError: the equilibrium was lost on the way.
-    """
-    count = finer * max(way.pieces, _LOAD_PIECES if loads is not begin.loads else 0)
-    here = begin
-    for k in range(1, count + 1):
-        load = begin.loads.interpolated(loads, k / count)
-        here = soft.follow(here, way.at(k / count), load)
-    return here
-
-
-def reach(
-    soft: SoftSide, begin: Equilibrium, loads: Loads, target: TipTargetTable
-) -> tuple[FlangeWay, Equilibrium]:
-    """Return the flange's way to a target, and the equilibrium that this motion ends in.
-
-    Args:
-        soft: follows equilibria.
-        begin: where the motion starts.
-        loads: that the phase asks for besides.
-        target: of the tip.
-
-    Raises:
-        UnreachableError: it cannot be met, or not by a motion from here.
-        ConvergenceError: the equilibrium was lost on the way.
-    """
-    still = FlangeWay.to(begin.world_from_flange, begin.world_from_flange)
-    here, wanted = walk(soft, begin, still, loads), wanted_tip(target)
-    # what slides with friction comes to another end by each way: finer pieces do not change that
-    slides = any(cable.remembers for cable in soft.body.cables)
-    for _ in range(_SEARCHES):
-        found = _search(soft, here, target, wanted)
-        way = FlangeWay.to(begin.world_from_flange, found.world_from_flange)
-        # the search may have ended in an equilibrium that this motion does not lead to
-        for finer in _FINER[: 1 if slides else None]:
-            here = walk(soft, begin, way, found.loads, finer)
-            tip = TipFrame.of(soft.body, here.state.positions)
-            missed = TargetSolution(here, *wanted.distance(tip), 0)
-            if target.reach_with == "none" or _ON_TARGET.met(missed):
-                return way, here
-    raise UnreachableError(
-        "there are equilibria with the tip on the target, but the motion to them ends in others, the last "
-        f"one {missed.off()} off",
-        missed,
-    )
-
-
-def wanted_tip(target: TipTargetTable) -> search.TipTarget:
-    """Return where a target wants the tip to be."""
-    return search.TipTarget(
-        position=None if target.position_m is None else np.array(target.position_m),
-        direction=None if target.direction is None else np.array(target.direction),
-        height=target.height_m,
-    )
-
-
-def _search(
-    soft: SoftSide, here: Equilibrium, target: TipTargetTable, wanted: search.TipTarget
-) -> Equilibrium:
-    if target.reach_with == "cables":
-        return soft.find_tensions(here, wanted)
-    if target.reach_with == "flange":
-        return soft.find_flange_pose(here, wanted)
-    if wanted.position is None:
-        raise InputError("a target without position_m needs reach_with = 'cables'")
-    guess = _RigidArm.at(soft, here).pose(here.world_from_flange, wanted.position, wanted.direction)
-    return walk(soft, here, FlangeWay.to(here.world_from_flange, guess), here.loads)

@@ -13,8 +13,8 @@ from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken, figures_of
 from cosim.errors import SolverError
-from cosim.plan.motion import JointPath, JointReference
-from cosim.plan.planning import AnyWay
+from cosim.plan.joint_path import JointPath, JointReference
+from cosim.plan.static_plan import AnyFlangeMotion
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
@@ -239,7 +239,7 @@ class HeldBase(Carrier):
         """What the next step depends on."""
 
     @staticmethod
-    def plan(start: Pose, ways: list[AnyWay], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
+    def plan(start: Pose, ways: list[AnyFlangeMotion], blame: Callable[[int], str]) -> tuple[JointPath, ...]:
         """Return a path without joints for every phase."""
         return tuple(JointPath(np.zeros(0), None) for _ in ways)
 

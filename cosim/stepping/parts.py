@@ -16,8 +16,9 @@ from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
-from cosim.plan import motion, planning
-from cosim.plan.plan import PhasePlan, Plan, RobotCommand, SoftCommand, loads_of
+from cosim.plan import static_plan, tip_errors
+from cosim.plan.commands import RobotCommand, SoftCommand, loads_of
+from cosim.plan.plan import PhasePlan, Plan
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of
@@ -29,7 +30,7 @@ from cosim.stepping.carrier import Carrier
 from cosim.telemetry.snapshot import Snapshot, UnreadFilmShape
 
 
-def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, motion.TipPathInfo]:
+def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, tip_errors.TipPathInfo]:
     """Return when a run passes the paths of its phases, by their index.
 
     Args:
@@ -48,7 +49,7 @@ def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int,
 
     ends = list(accumulate(map(length, phases), initial=0.0))
     return {
-        index: motion.TipPathInfo(planned.tip_path, ends[index], path_s(planned))
+        index: tip_errors.TipPathInfo(planned.tip_path, ends[index], path_s(planned))
         for index, planned in enumerate(phases)
         if planned.tip_path is not None
     }
@@ -135,7 +136,7 @@ def brought_to_rest(
         begin, state = kept.made("hung up", name_of(model_name, flange, loads.gravity), hung, _MOST)
         if state is not None:
             soft.full_state = state
-        found = planning.start_equilibrium(soft, flange, loads, begin)
+        found = static_plan.start_equilibrium(soft, flange, loads, begin)
         soft.settle(found)
         return found, soft.full_state
 

@@ -21,7 +21,7 @@ from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError
-from cosim.plan.planning import start_equilibrium
+from cosim.plan.static_plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.state import Equilibrium, SoftState

@@ -45,7 +45,7 @@ from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, PATIENCE, Finer
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArm, SectionArmState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
-from cosim.plan.tip_paths import wanted_tip
+from cosim.plan.tip_targets import wanted_tip
 from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads

@@ -22,7 +22,8 @@ from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload, inertial_parameters
-from cosim.plan.motion import CellMotion, JointReference
+from cosim.plan.cell_motion import CellMotion
+from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene import arms, coupled_scene, host_scene
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads

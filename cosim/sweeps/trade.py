@@ -28,7 +28,7 @@ from cosim.config.schema.phase import FlangePoseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import RecordingTable
 from cosim.errors import CosimError, ScenarioError
-from cosim.plan.motion import rotation_from_direction
+from cosim.plan.flange_motion import rotation_from_direction
 from cosim.recording.recorder import RecordingPart
 from cosim.results.result import figure_kind
 from cosim.sweeps.candidates import Candidate

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
-from cosim.plan import arm_limits, motion
+from cosim.plan import arm_limits, tip_errors
 from cosim.soft.solve.branching import IN_TIME, LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.telemetry import snapshot, tick_batch
 
@@ -57,13 +57,13 @@ class TipPathFigures:
     at_m: float = 0.0
     largest_rad: float = 0.0
 
-    def after(self, batch: tick_batch.TickBatch, path: motion.TipPathInfo) -> "TipPathFigures":
+    def after(self, batch: tick_batch.TickBatch, path: tip_errors.TipPathInfo) -> "TipPathFigures":
         """Return the figures with some ticks more, all of the path's phase."""
         rows = np.flatnonzero(path.passes(batch.time_s))
         if not len(rows):
             return self
         wanted = path.at(batch.time_s[rows])
-        away, turned = motion.tip_distances(wanted, batch.tip_position[rows], batch.tip_direction[rows])
+        away, turned = tip_errors.tip_distances(wanted, batch.tip_position[rows], batch.tip_direction[rows])
         place = int(np.argmax(away))
         farther = not away[place] <= self.largest_m  # what is not a number is told as well
         return TipPathFigures(
@@ -74,11 +74,11 @@ class TipPathFigures:
             max(self.largest_rad, float(turned.max())),
         )
 
-    def figures(self, path: motion.TipPathInfo) -> dict[str, Any]:
+    def figures(self, path: tip_errors.TipPathInfo) -> dict[str, Any]:
         """Return them for the summary, beside what was planned."""
         planned = path.planned
         mean_m = self.sum_m / self.ticks if self.ticks else 0.0
-        found = motion.TipErrors(self.largest_m, mean_m, self.at_m, self.largest_rad)
+        found = tip_errors.TipErrors(self.largest_m, mean_m, self.at_m, self.largest_rad)
         return {
             "length_m": planned.course.length_m,
             "speed_m_s": planned.course.speed_m_s,

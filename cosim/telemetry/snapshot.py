@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
     from cosim.coupling.soft_sides.soft_side import ShapeReader
     from cosim.plan.arm_limits import PlannedArm
-    from cosim.plan.motion import TipPathInfo
+    from cosim.plan.tip_errors import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
     from cosim.telemetry.energy import EnergyParts

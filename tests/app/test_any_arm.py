@@ -14,7 +14,7 @@ from cosim.base.resources import list_arms
 from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.kinematics.arm import Arm
-from cosim.plan.motion import rotation_from_direction
+from cosim.plan.flange_motion import rotation_from_direction
 from tests.config.arm_texts import GANTRY_MJCF, SIX_JOINTS_MJCF
 
 SCENARIO = """schema = 2

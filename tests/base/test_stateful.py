@@ -77,7 +77,7 @@ SAVED_OTHERWISE = {
     "_Contents": "lives while a file is read",
     "TicksTaken": "what ticks in progress leave",
     "TickWork": "lives for one tick",
-    "_Watch": "lives while a run is planned",
+    "_PairDistances": "lives while a run is planned",
 }
 
 

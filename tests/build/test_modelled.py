@@ -13,8 +13,8 @@ from cosim.base.frames import Pose
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import StiffenerTable
-from cosim.plan.clearance import film_reach
 from cosim.plan.decision import CONTACT, Decision
+from cosim.plan.film_reach import film_reach
 from cosim.soft.body.body import hinge_energy_share
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions

@@ -14,7 +14,7 @@ from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario, load_soft_robot, scenario_text
 from cosim.config.schema.settings import ModelTable
 from cosim.errors import ScenarioError
-from cosim.plan.clearance import film_reach
+from cosim.plan.film_reach import film_reach
 
 ARM = "arm_with_gripper"
 FINGERS = ("gripper/copy_1", "gripper/copy_2", "gripper/copy_3")

@@ -14,7 +14,7 @@ from cosim.build.arms import find_arm
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
 from cosim.kinematics.arm import Arm
-from cosim.plan.motion import pose_of
+from cosim.plan.flange_motion import pose_of
 from tests.config.arm_texts import INERTIAL, TWO_JOINTS, scenario_with
 
 LIFT_LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="1"/></joint></robot>'

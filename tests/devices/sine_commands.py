@@ -12,7 +12,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.quantities import Positive
 from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
 from cosim.errors import InputError
-from cosim.plan.plan import RobotCommand
+from cosim.plan.commands import RobotCommand
 
 
 @final

@@ -194,7 +194,7 @@ def test_an_arm_thrown_out_of_an_object_is_one_error_that_names_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Starts in objects are refused; here they are let pass, as an arm may get into one later on."""
-    monkeypatch.setattr("cosim.plan.clearance.check_start", lambda *_: None)
+    monkeypatch.setattr("cosim.plan.start_checks.check_start", lambda *_: None)
     monkeypatch.setattr("cosim.build.simulation.check_base", lambda *_: None)
     monkeypatch.setattr("cosim.rigid.scene.coupled_scene.CoupledScene.begins_in", lambda *_: "")
     table = TABLE.replace("0.2, 0.4, 0.2", "0.6, 0.6, 0.6")

@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import FlangePoseTable, FlangeShakeTable, FlangeTurnTable, PhaseTable
-from cosim.plan.motion import FlangeWay, Shake, pose_of, rotation_from_direction
+from cosim.plan.flange_motion import FlangeMotion, Shake, pose_of, rotation_from_direction
 
 # products of a few rotation matrices: rounding of a few 1e-16
 ROUNDING = 1e-14
@@ -46,7 +46,7 @@ def test_the_roll_turns_right_handed_about_the_flanges_z_axis() -> None:
 def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up() -> None:
     start = pose_of(FlangePoseTable((0.3, 0.0, 0.7), (0.0, 0.0, -1.0)))
     angle = 0.28 * np.pi
-    end = FlangeWay.relative(start, FlangeTurnTable((0.0, 3.0, 0.0), -angle), None).end
+    end = FlangeMotion.relative(start, FlangeTurnTable((0.0, 3.0, 0.0), -angle), None).end
     assert end.rotation[:, 2] == pytest.approx([np.sin(angle), 0.0, -np.cos(angle)], abs=ROUNDING)
     assert end.rotation[2, 0] > 0.0  # the cables, on the flange's +x side, end on top
     assert end.translation == pytest.approx(start.translation)
@@ -56,24 +56,24 @@ def test_the_reference_turn_swings_the_tip_towards_x_with_the_flanges_x_axis_up(
 def test_half_of_a_motion_done_twice_is_the_motion() -> None:
     turn, shift = FlangeTurnTable((1.0, 2.0, -0.5), 1.1), np.array([0.1, -0.2, 0.3])
     start = Pose(rotation_from_direction(np.array([0.2, 0.5, -0.3])), np.array([1.0, 2.0, 3.0]))
-    once = FlangeWay.relative(start, turn, shift).end
-    half = FlangeWay.relative(start, turn, shift).at(0.5)
-    twice = FlangeWay.relative(half, turn, shift).at(0.5)
+    once = FlangeMotion.relative(start, turn, shift).end
+    half = FlangeMotion.relative(start, turn, shift).at(0.5)
+    twice = FlangeMotion.relative(half, turn, shift).at(0.5)
     assert twice.rotation == pytest.approx(once.rotation, abs=ROUNDING)
     assert twice.translation == pytest.approx(once.translation, abs=ROUNDING)
 
 
 def test_a_shake_begins_and_ends_at_rest_and_reaches_its_amplitude() -> None:
     shake = Shake(np.array([0.0, 0.02, 0.0]), 5.0)
-    way = FlangeWay(Pose(), np.zeros(3), np.array([0.1, 0.0, 0.0]), shake)
-    share = np.linspace(0.0, 1.0, 2001)
-    path = np.array([way.at(s).translation for s in share])
-    np.testing.assert_allclose(path[:, 0], 0.1 * share, atol=1e-15)
+    way = FlangeMotion(Pose(), np.zeros(3), np.array([0.1, 0.0, 0.0]), shake)
+    fraction = np.linspace(0.0, 1.0, 2001)
+    path = np.array([way.at(s).translation for s in fraction])
+    np.testing.assert_allclose(path[:, 0], 0.1 * fraction, atol=1e-15)
     assert path[:, 1].max() == pytest.approx(0.02, rel=1e-4)
     assert path[:, 1].min() == pytest.approx(-0.02, rel=1e-4)
     assert np.abs(path[[0, -1], 1]).max() < 1e-15
     assert np.abs(np.diff(path[:, 1])[[0, -1]]).max() < 1e-9
-    middle = path[(share > 0.25) & (share < 0.75), 1]
+    middle = path[(fraction > 0.25) & (fraction < 0.75), 1]
     assert np.count_nonzero(np.diff(np.sign(middle[middle != 0.0]))) == 5  # the zeros of 2.5 periods
     assert way.pieces >= 100
 

@@ -1,4 +1,4 @@
-"""Arms on rails and turntables: where they are, how spare joints keep limits and clearance, and are led."""
+"""Arms on rails and turntables: where they are, how spare or prescribed joints keep limits and clearance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cosim.config.arm_table import BaseTable, RailTable, TurntableTable
 from cosim.errors import InputError, ScenarioError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve
-from cosim.plan.motion import rotation_from_direction
+from cosim.plan.flange_motion import rotation_from_direction
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from tests.config.arm_texts import SIX_JOINTS_MJCF
@@ -90,8 +90,8 @@ def test_two_joints_of_one_name_are_refused() -> None:
 def along_a_line(arm: Arm, length_m: float) -> tuple[list[Pose], Array]:
     """Return poses of a hanging flange on a line along a rail, and joints at their begin, rail at 0.2 m."""
     poses = [Pose(DOWN, np.array([0.45, 0.2 + y, 0.6])) for y in np.linspace(0.0, length_m, 120)]
-    led = np.array([0.2, *[np.nan] * 6])
-    return poses, solve(arm, poses[0], arm.home, led=led).q
+    prescribed = np.array([0.2, *[np.nan] * 6])
+    return poses, solve(arm, poses[0], arm.home, prescribed=prescribed).q
 
 
 def test_a_spare_joint_slows_down_before_its_limit_and_the_others_take_over() -> None:
@@ -113,10 +113,10 @@ def test_a_spare_joint_slows_down_before_its_limit_and_the_others_take_over() ->
 def test_joints_that_are_led_go_where_they_are_asked_and_the_flange_keeps_its_way() -> None:
     arm = Arm(placed_arm("ur5e", BaseTable(rails=(RailTable((0.0, 1.0, 0.0), (0.0, 1.0), 1.0),))))
     poses, start = along_a_line(arm, 0.3)
-    led = np.full((120, 7), np.nan)
-    led[:, 0] = np.linspace(0.2, 0.6, 120)
-    q = follow(arm, poses, start, led)
-    np.testing.assert_array_equal(q[:, 0], led[:, 0])
+    prescribed = np.full((120, 7), np.nan)
+    prescribed[:, 0] = np.linspace(0.2, 0.6, 120)
+    q = follow(arm, poses, start, prescribed)
+    np.testing.assert_array_equal(q[:, 0], prescribed[:, 0])
     assert np.linalg.norm(arm.forward(q[-1]).translation - poses[-1].translation) < 1e-6
 
 
@@ -137,8 +137,8 @@ def test_phases_lead_the_base_under_a_flange_that_stands(load: Any) -> None:
     assert first.last[0] == pytest.approx(0.4, abs=1e-12)
     assert first.spline is not None
     assert second.spline is not None
-    for share in np.linspace(0.0, 1.0, 23):
-        flange = arm.forward(first.spline(share)).translation
+    for fraction in np.linspace(0.0, 1.0, 23):
+        flange = arm.forward(first.spline(fraction)).translation
         np.testing.assert_allclose(flange, [0.4, 0.0, 0.5], atol=2e-5)  # between knots
     assert second.last[0] > 0.45  # free again, it shares the motion
     rate = arm.jacobian(first.last) @ second.spline(0.0, 1)

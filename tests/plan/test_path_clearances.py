@@ -15,8 +15,8 @@ from cosim.cli.main import EXIT_INPUT, main
 from cosim.config.loading import load_scenario
 from cosim.config.schema.settings import PlanTable
 from cosim.kinematics.arm import Clearance
-from cosim.plan.asked_motion import asked_motion
-from cosim.plan.clearance import path_clearances
+from cosim.plan.path_clearance import path_clearances
+from cosim.plan.required_motion import required_motion
 
 SCENARIO = """schema = 2
 title = "a finger beside a table"
@@ -69,7 +69,7 @@ def test_a_path_through_a_table_is_refused(tmp_path: Path, capsys: pytest.Captur
     # the first instant of the planned way at which MuJoCo sees them overlap
     scenario = load_scenario(path)
     simulation = build(scenario)
-    scene, asked = simulation._parts.carrier._scene, asked_motion(simulation._parts.plan, 0.002)
+    scene, asked = simulation._parts.carrier._scene, required_motion(simulation._parts.plan, 0.002)
     overlap = [bool(scene.links.at(q)) for q in asked.joints.position]
     assert f"from {asked.time_s[overlap.index(True)]:.3f} s on" in str(refusal.value)
 
@@ -114,7 +114,7 @@ def test_the_soft_robot_may_touch_what_its_contact_is_modelled_with(tmp_path: Pa
 def test_pairs_that_are_passed_over_are_no_nearer(tmp_path: Path) -> None:
     simulation = build(load_scenario(written(tmp_path, place=[0.05, 0.35, 0.57])))
     parts = simulation._parts
-    scene, asked = parts.carrier._scene, asked_motion(parts.plan, 0.002)
+    scene, asked = parts.carrier._scene, required_motion(parts.plan, 0.002)
     quick = path_clearances(scene, parts.plan, parts.soft.body, PlanTable(), film_touches=True)
     assert quick is not None
     assert quick.links is not None

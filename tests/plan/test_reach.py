@@ -11,10 +11,11 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.config.schema.phase import FlangeShakeTable, FlangeTurnTable, PhaseTable
 from cosim.kinematics.arm import Arm
-from cosim.plan.clearance import FlangeTravel, film_reach, flange_travel, within_reach
+from cosim.plan.commands import SoftCommand
+from cosim.plan.film_reach import FlangeTravel, film_reach, flange_travel, within_reach
+from cosim.plan.flange_motion import FlangeMotion, Shake
 from cosim.plan.joint_planner import plan_joints
-from cosim.plan.motion import FlangeWay, Shake
-from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
+from cosim.plan.plan import Holding, PhasePlan, Plan
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.copies import Plate, attached
@@ -34,7 +35,7 @@ def travel(
     arm: Arm, phase: PhaseTable, turn: FlangeTurnTable | None, shift: Array | None, lever_m: float
 ) -> FlangeTravel:
     """Return the flange's travel in one phase from a pose over the table."""
-    way = FlangeWay.relative(START, turn, shift, Shake.of(phase))
+    way = FlangeMotion.relative(START, turn, shift, Shake.of(phase))
     idle = SoftCommand((), (), (), ())
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
     (path,) = plan_joints(arm, START, [way], str)

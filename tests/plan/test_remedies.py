@@ -17,9 +17,10 @@ from cosim.base.frames import Pose
 from cosim.build.arms import find_arm
 from cosim.config.schema.phase import PhaseTable, TipPathTable
 from cosim.kinematics.arm import Arm, Payload
-from cosim.plan.asked_motion import planned_arm
-from cosim.plan.motion import JointPath
-from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
+from cosim.plan.commands import SoftCommand
+from cosim.plan.joint_path import JointPath
+from cosim.plan.plan import Holding, PhasePlan, Plan
+from cosim.plan.required_motion import planned_arm
 from tests.plan.test_arm_limits import heavy, scenario
 
 SMOOTH: dict[str, Any] = {"name": "a", "duration_s": 0.08, "flange_shift_m": [0.2, 0.2, -0.1]}
@@ -57,7 +58,7 @@ def followed(line: str, phases: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ):
         by_name[name]["duration_s"] = float(least_s)
     for name in re.findall(
-        r"put the shift of phase '(\w+)' into a phase of its own, with ramp = \"smooth\"", remedy
+        r"put the shift of phase '(\w+)' into a separate phase, with ramp = \"smooth\"", remedy
     ):
         shift = by_name[name].pop("flange_shift_m")
         changed.insert(

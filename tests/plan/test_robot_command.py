@@ -10,7 +10,7 @@ import pytest
 
 from cosim.errors import InputError
 from cosim.plan import plan
-from cosim.plan.plan import CommandRamp, SoftCommand, loads_of
+from cosim.plan.commands import CommandRamp, SoftCommand, loads_of
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from tests.soft.wind import Windy, WindyCommand
@@ -21,7 +21,7 @@ FORCE = np.ones((4, 3))
 GRAVITY = (0.0, 0.3, -9.81)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -31,10 +31,10 @@ GRAVITY = (0.0, 0.3, -9.81)
         {"nodal_force": FORCE, "pressure_Pa": (2e4, 0.0)},
     ],
 )
-def test_the_ramp_is_the_interpolation_of_loads(changes: dict[str, Any], share: float) -> None:
+def test_the_ramp_is_the_interpolation_of_loads(changes: dict[str, Any], fraction: float) -> None:
     end = replace(BEGIN, **changes)
-    found = loads_of(CommandRamp(BEGIN, end).at(share), GRAVITY)
-    expected = loads_of(BEGIN, GRAVITY).interpolated(loads_of(end, GRAVITY), share)
+    found = loads_of(CommandRamp(BEGIN, end).at(fraction), GRAVITY)
+    expected = loads_of(BEGIN, GRAVITY).interpolated(loads_of(end, GRAVITY), fraction)
     assert found.pressure_Pa == pytest.approx(expected.pressure_Pa, rel=1e-15)
     assert found.cable_tension_N == pytest.approx(expected.cable_tension_N, rel=1e-15)
     assert found.gravity == GRAVITY
@@ -46,8 +46,8 @@ def test_what_stays_is_exactly_as_commanded_while_something_else_changes() -> No
     begin = replace(BEGIN, pressure_Pa=(0.1, 2e4), cable_tension_N=(0.3, 0.0))
     ramp = CommandRamp(begin, replace(begin, pressure_Pa=(0.1, 3e4)))
     first, last = loads_of(ramp.begin, GRAVITY), loads_of(ramp.end, GRAVITY)
-    for share in (k / 97 for k in range(97)):
-        asked, loads = ramp.at(share), first.interpolated(last, share)
+    for fraction in (k / 97 for k in range(97)):
+        asked, loads = ramp.at(fraction), first.interpolated(last, fraction)
         assert (asked.pressure_Pa[0], asked.cable_tension_N) == (0.1, (0.3, 0.0))
         assert (loads.pressure_Pa[0], loads.cable_tension_N, loads.gravity) == (0.1, (0.3, 0.0), GRAVITY)
 

@@ -19,7 +19,7 @@ RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
 PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}
 TABLE = {"name": "table", "shape": "box", "size_m": [0.3, 0.3, 0.02], "position_m": [0.4, 0.0, 0.37]}
 PLACE = r"section \d of 4 \(.*\) is .*, its model ends at "
-INSTEAD = "fidelity = 'lumped', which knows what lies beyond"
+INSTEAD = "fidelity = 'lumped', which has no such range"
 
 
 def built(scenario: Scenario) -> tuple[RunInfo, Decision]:
@@ -54,7 +54,7 @@ def test_what_may_be_held_by_what_it_touches_is_warned_of(load: Any) -> None:
     stage, found = built(load(PULL, object=[TABLE]))
     assert not found.included
     assert found.switch == "phase.pull.cable_tension_N"
-    assert found.reason.endswith("; contact is not in this")
+    assert found.reason.endswith("; this check leaves contact out")
     said = StringIO()
     PlanWarnings(said).open(stage)
     assert f"warning: {found.line}\n" in said.getvalue()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cosim.plan.section_plan import FlangeAcceleration
+from cosim.plan.swing import FlangeAcceleration
 
 STEP_S = 0.002
 RATE_rad_s = 10.0

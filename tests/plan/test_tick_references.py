@@ -13,10 +13,13 @@ from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.kinematics.arm import Arm
+from cosim.plan.flange_motion import pose_of
+from cosim.plan.joint_path import JointReference
 from cosim.plan.joint_planner import plan_joints
-from cosim.plan.motion import JointReference, pose_of, progress
-from cosim.plan.plan import TickReferences
-from cosim.plan.planning import make_plan, solved_phases
+from cosim.plan.planning import make_plan
+from cosim.plan.ramp import progress
+from cosim.plan.references import TickReferences
+from cosim.plan.static_plan import solved_phases
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
 from tests.soft.bodies import hexagon_arm

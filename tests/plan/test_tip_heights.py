@@ -11,7 +11,7 @@ from benchmarks.tip_heights import HANGING, Bench, Design, draws, measure
 from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import UnreachableError
-from cosim.plan.tip_paths import reach
+from cosim.plan.tip_targets import reach
 from cosim.soft.solve import tip_target as search
 from cosim.soft.solve.state import Equilibrium
 

@@ -15,9 +15,9 @@ from cosim.build.arms import find_arm
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
-from cosim.plan.joint_planner import track_joints
-from cosim.plan.motion import rotation_from_direction
+from cosim.plan.flange_motion import rotation_from_direction
 from cosim.plan.tip_paths import PoseTrack
+from cosim.plan.track_joints import track_joints
 
 BEGIN = [0.42, 0.0, 0.42]
 LEANING = [0.3, 0.0, -0.95]
@@ -123,10 +123,10 @@ def test_joints_along_a_track_have_its_places_and_rest_at_its_ends() -> None:
     track = flange_track([[0.4, -0.1, 0.4], [0.45, 0.0, 0.45], [0.4, 0.1, 0.4]], 0.1, 0.3)
     path = track_joints(arm, track, solve(arm, track.begin, arm.home).q, "key")
     assert path.spline is not None
-    for share in np.linspace(0.0, 1.0, 37):
-        wanted = track.instant(share).position
+    for fraction in np.linspace(0.0, 1.0, 37):
+        wanted = track.instant(fraction).position
         # between knots of both splines
-        assert np.linalg.norm(arm.forward(path.spline(share)).translation - wanted) < 5e-6
+        assert np.linalg.norm(arm.forward(path.spline(fraction)).translation - wanted) < 5e-6
     np.testing.assert_allclose(path.spline([0.0, 1.0], 1), 0.0, atol=1e-9)
 
 
@@ -136,7 +136,7 @@ def test_a_track_turns_on_where_quaternions_change_their_sign() -> None:
     poses = [Pose(rotation_from_vector(np.array([0.0, 0.0, angle])), np.zeros(3)) for angle in angles]
     assert min(a.quaternion @ b.quaternion for a, b in pairwise(poses)) < 0.0
     track = PoseTrack(np.linspace(0.0, 1.0, 5), poses, course)
-    turned = np.array([track.at(share).rotation for share in np.linspace(0.0, 1.0, 41)])
+    turned = np.array([track.at(fraction).rotation for fraction in np.linspace(0.0, 1.0, 41)])
     steps = [np.linalg.norm(np.cross(a[:, 0], b[:, 0])) for a, b in pairwise(turned)]
     assert max(steps) < np.radians(3.0)  # 60 degrees in 40 steps, from rest to rest
 

@@ -19,8 +19,8 @@ from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
 from cosim.plan import planning
+from cosim.plan.flange_motion import rotation_from_direction
 from cosim.plan.joint_planner import plan_joints
-from cosim.plan.motion import rotation_from_direction
 
 DOWN = [0.0, 0.0, -1.0]
 FAR = {"position_m": [1.6, 0.6, 0.6], "direction": DOWN}

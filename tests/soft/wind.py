@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cosim.plan.plan import SoftCommand
+from cosim.plan.commands import SoftCommand
 from cosim.soft.body.loads import Loads
 
 

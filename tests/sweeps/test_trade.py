@@ -22,7 +22,7 @@ from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
-from cosim.plan.motion import pose_of
+from cosim.plan.flange_motion import pose_of
 from cosim.sweeps.candidates import Candidate, candidates_of
 from cosim.sweeps.engines import Engine
 from cosim.sweeps.sweeping import SweepProgress

@@ -22,7 +22,7 @@ from cosim.devices import command_source, device_loop, device_report
 from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake, measured
 from cosim.devices.controller import Command, Measurement, over
 from cosim.devices.live import live_values
-from cosim.plan import motion, plan
+from cosim.plan import commands, joint_path
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -55,7 +55,7 @@ class JointMotion:
     limits: tuple[str, ...] = ()
     speed: Annotated[Array, (2, "joints")] | None = None
 
-    def through(self, first: int, count: int, tick_s: float) -> motion.JointReference:
+    def through(self, first: int, count: int, tick_s: float) -> joint_path.JointReference:
         """Return what is asked at the starts of some ticks.
 
         Args:
@@ -73,9 +73,9 @@ class JointMotion:
         speed = step * (pieces / (self.ticks * tick_s))
         if done + count > self.ticks:
             speed[way >= pieces] = 0.0
-        return motion.JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
+        return joint_path.JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
-    def _along_cubic(self, done: IntArray, tick_s: float) -> motion.JointReference:
+    def _along_cubic(self, done: IntArray, tick_s: float) -> joint_path.JointReference:
         """Return the reference after some ticks (n,), by the cubic of Hermite; it rests after its end."""
         assert self.speed is not None, "asked of cubics"
         lasts_s = self.ticks * tick_s
@@ -85,7 +85,7 @@ class JointMotion:
         square, cube = 3.0 * way - 2.0 * leaving - arriving, leaving + arriving - 2.0 * way
         place = here + u * (leaving + u * (square + u * cube))
         speed = moves * (leaving + u * (2.0 * square + 3.0 * u * cube)) / lasts_s
-        return motion.JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
+        return joint_path.JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
 
     def speed_at(self, tick: int, tick_s: float) -> Array:
         """Return the speed (joints,) [rad/s] that the motion has after some ticks of the run."""
@@ -283,7 +283,7 @@ class LiveCommands(command_source.SteeredCommands):
             begin = state.begin.beginning(end, self._none)
             self._state = replace(state, begin=begin, end=end, ended=words or state.ended)
 
-    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> plan.RobotCommand:
+    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> commands.RobotCommand:
         tick = self._before[step.phase] + step.done
         self._begin_values(step.phase, step.done)
         if self._state is None:
@@ -294,7 +294,7 @@ class LiveCommands(command_source.SteeredCommands):
         planned = self._given.next(step, see)
         joints = self._joints(tick, planned.joints.position)
         reference = planned.joints if joints is None else joints.through(tick - 1, 1, self._tick_s).row(0)
-        return plan.RobotCommand(reference, self._changed(planned.soft, values))
+        return commands.RobotCommand(reference, self._changed(planned.soft, values))
 
     def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
         self._begin_values(phase, done)
@@ -414,11 +414,13 @@ class LiveCommands(command_source.SteeredCommands):
             if wanted is not None and content is not None and wanted != content.mass_kg:
                 self._gas.set_gas(k, content.with_mass(wanted))
 
-    def _changed_all(self, planned: tuple[plan.SoftCommand, ...], tick: int) -> tuple[plan.SoftCommand, ...]:
+    def _changed_all(
+        self, planned: tuple[commands.SoftCommand, ...], tick: int
+    ) -> tuple[commands.SoftCommand, ...]:
         """Return what is asked for in ticks from one on; the same object where nothing changes."""
         assert self._state is not None
-        found: list[plan.SoftCommand] = []
-        last: tuple[plan.SoftCommand, live_values.LiveValues] | None = None
+        found: list[commands.SoftCommand] = []
+        last: tuple[commands.SoftCommand, live_values.LiveValues] | None = None
         for k, asked in enumerate(planned):
             values = self._state.values(tick + k)
             same = last is not None and last[0] is asked and last[1] is values
@@ -426,11 +428,13 @@ class LiveCommands(command_source.SteeredCommands):
             last = asked, values
         return tuple(found)
 
-    def _changed(self, planned: plan.SoftCommand, values: live_values.LiveValues) -> plan.SoftCommand:
+    def _changed(self, planned: commands.SoftCommand, values: live_values.LiveValues) -> commands.SoftCommand:
         pressure, tension = tuple(over(values.pressure_Pa, planned.pressure_Pa)), planned.cable_tension_N
         if not self._actuation.active:
             tension = tuple(over(values.cable_tension_N, tension))
-        return plan.SoftCommand(pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force)
+        return commands.SoftCommand(
+            pressure, planned.gas, tension, planned.cable_length_m, planned.nodal_force
+        )
 
     def _limits(self, torque: Array) -> tuple[str, ...]:
         """Return at what the arm is held, in words, with torques (joints,) [N m]."""

@@ -20,7 +20,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers, over
 from cosim.devices.drives import LiveOrders, Order, PumpDrive
 from cosim.errors import InputError
-from cosim.plan.plan import ChamberGas
+from cosim.plan.chamber_gas import ChamberGas
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm

@@ -23,7 +23,7 @@ from cosim.rigid.build.engine import check_finite, set_up_engine
 
 MOST_ELEMENTS: Final = 4_000
 MOST_POINTS: Final = 1_000_000
-"""Of a height field or a texture; each point of a mesh that MuJoCo generates counts `_POINT_OF_MESH` times."""
+"""Of a height field or a texture; a point of a mesh that MuJoCo generates counts `_POINT_OF_MESH` times."""
 
 _COUNTED: Final = ("replicate", "composite", "flexcomp")
 _SIZES: Final = (("nrow", "ncol"), ("width", "height"))
@@ -169,7 +169,7 @@ class _Contents:
         return total
 
     def _expanded(self, path: Path) -> ElementTree.Element:
-        """Return the top element of a file, with the content of included files in the `<include>` elements."""
+        """Return the top element of a file, with included files inserted in their `<include>` elements."""
         root = read_xml(path, self._kind)
         waiting, included = [(root, path)], {path.resolve()}
         while waiting:

@@ -19,7 +19,7 @@ _BOUNDS = 9  # kind of a shape whose distance is -FAR within its bounding box
 
 @device_function
 def _distance(shapes: Shapes, g: int, p: Vector, reach: float, weight: Vector, normal: Vector) -> float:
-    """Return the signed distance of p (3,) [m], in the frame of shape g, to that shape; weight (3,) is scratch."""
+    """Return the signed distance of p (3,) [m], in the frame of shape g, to the shape; weight is scratch."""
     kind, size = shapes.kind[g], shapes.size[g]
     if kind == 0:  # half-space z < 0
         normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0

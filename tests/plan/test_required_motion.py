@@ -10,9 +10,11 @@ from scipy.interpolate import CubicSpline
 
 from cosim.base.frames import Pose
 from cosim.config.schema.phase import PhaseTable
-from cosim.plan.asked_motion import AskedMotion, asked_motion
-from cosim.plan.motion import JointPath, progress
-from cosim.plan.plan import Holding, PhasePlan, Plan, SoftCommand
+from cosim.plan.commands import SoftCommand
+from cosim.plan.joint_path import JointPath
+from cosim.plan.plan import Holding, PhasePlan, Plan
+from cosim.plan.ramp import progress
+from cosim.plan.required_motion import RequiredMotion, required_motion
 
 TICK_S, DURATION_S = 2e-3, 0.5
 SPAN = np.array([0.3, -0.1, 0.2, 0.0, 0.5, -0.4])
@@ -24,7 +26,7 @@ def quickening(first: float, gain: float) -> JointPath:
     return JointPath(first * SPAN, CubicSpline(s, np.outer(first + s + gain * s**2, SPAN)))
 
 
-def asked(*paths: JointPath, settle_s: float = 0.0) -> AskedMotion:
+def asked(*paths: JointPath, settle_s: float = 0.0) -> RequiredMotion:
     """Return what linear phases ask for, the last of which is held at its end."""
     idle = SoftCommand((), (), (), ())
     nothing = Holding(np.zeros(0, np.int64), np.zeros((0, 3), dtype=bool))
@@ -35,7 +37,7 @@ def asked(*paths: JointPath, settle_s: float = 0.0) -> AskedMotion:
         )
         for k, path in enumerate(paths)
     )  # fmt: skip
-    return asked_motion(Plan(Pose(), paths[0].first, idle, (0.0, 0.0, 0.0), phases), TICK_S)
+    return required_motion(Plan(Pose(), paths[0].first, idle, (0.0, 0.0, 0.0), phases), TICK_S)
 
 
 @pytest.mark.parametrize("ramp", ["smooth", "linear"])

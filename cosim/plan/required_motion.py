@@ -1,9 +1,8 @@
-"""What a plan asks of the joints of an arm, and how to ask for less where that is beyond their bounds.
-
-A phase that takes s times as long passes through the same joint angles with speeds of 1 / s and accelerations
-of 1 / s^2. A torque tau = g + d + i, of weight, viscous friction and inertia, becomes g + d / s + i / s^2. A
-reference that jumps has no duration: it needs a smooth ramp, of a length that follows from the same rules.
-Dry friction is part of g, as it does not depend on the speed.
+"""Joint motion that a plan requires of an arm, and remedies if it exceeds the limits. A phase that takes s
+times as long passes the same joint angles with speeds of 1 / s and accelerations of 1 / s^2. A torque tau = g
++ d + i, of weight, viscous friction and inertia, becomes g + d / s + i / s^2. Dry friction is part of g, as
+it does not depend on the speed. A reference that jumps has no duration: it needs a smooth ramp, whose length
+follows from the same rules.
 """
 
 from __future__ import annotations
@@ -16,23 +15,24 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.plan.arm_limits import ArmLimits, Extreme, PathClearances, PlannedArm
-from cosim.plan.motion import JointReference, progress
+from cosim.plan.joint_path import JointReference
 from cosim.plan.plan import PhasePlan, Plan
+from cosim.plan.ramp import progress
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.scene import RigidScene
 
 _FEWEST, _MOST, _PER_KNOT = 50, 1000, 2  # samples of a phase in which the arm moves
-_INSIDE = 1e-9  # share of a phase between its border and what counts as within
-_BETWEEN: Final = 1.02  # a speed between two samples over the largest of the samples
-_HALF: Final = 0.5  # of a bound: two jumps at one instant that are both smaller stay within it
+_INSIDE = 1e-9  # distance of the first sample from a phase's start, over its duration
+_BETWEEN: Final = 1.02  # largest speed between samples over the largest speed at samples
+_HALF: Final = 0.5  # of a limit: two smaller jumps at one instant stay within it
 
 
 @final
 @dataclass(frozen=True)
-class AskedMotion:
-    """What a plan asks of the joints at some instants; at `jumps` the reference's speed or place jumps.
+class RequiredMotion:
+    """Joint motion that a plan requires, at n instants; at `jumps` the reference's speed or position jumps.
 
     Args:
         time_s: (n,), in order.
@@ -56,20 +56,20 @@ def planned_arm(
     *,
     dynamic: bool,
 ) -> PlannedArm:
-    """Return what a plan asks of an arm.
+    """Return the planned motion of an arm compared with its limits.
 
-    Torques are those of the arm with a rigid payload; jumps of the reference do not count in them.
+    Torques are those of the arm with a rigid payload, without jumps of the reference.
 
     Args:
-        arm: kinematics and inverse dynamics.
+        arm: of Pinocchio.
         scene: at its start.
         plan: of the run.
-        payload: the soft robot in its drawn shape and what else is mounted.
-        clearances: on that way; None where they are not looked at.
-        dynamic: whether the motion takes time; positions and torques at rest otherwise.
+        payload: the soft robot in its drawn shape, and other mounted mass.
+        clearances: along the motion; None: not checked.
+        dynamic: whether the run is in time; if not, only positions and torques at rest are compared.
     """
     limits, names = ArmLimits.of(arm), tuple(planned.phase.name for planned in plan.phases)
-    asked = asked_motion(plan, scene.tick_s)
+    asked = required_motion(plan, scene.tick_s)
     q, v, a = asked.joints.position, asked.joints.velocity, asked.joints.acceleration
     moving, still = np.zeros_like(q), np.zeros(arm.joint_count)
     for k in range(len(q)):
@@ -87,8 +87,8 @@ def planned_arm(
     return PlannedArm(limits, extremes, clearances, names)
 
 
-def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:
-    """Return what a plan asks of the joints, at instants close enough together to find the largest values.
+def required_motion(plan: Plan, tick_s: float) -> RequiredMotion:
+    """Return the joint motion that a plan requires, at instants close enough to find the largest values.
 
     Args:
         plan: of a run.
@@ -111,7 +111,7 @@ def asked_motion(plan: Plan, tick_s: float) -> AskedMotion:
             rows.append((end_s, index, JointReference(here, last.velocity, -speed / tick_s), True))
             speed = np.zeros_like(here)
         began_s += phase.duration_s + phase.settle_s
-    return AskedMotion(
+    return RequiredMotion(
         np.concatenate([time_s for time_s, _, _, _ in rows]),
         np.concatenate([np.full(len(time_s), index) for time_s, index, _, _ in rows]),
         JointReference(*(
@@ -135,7 +135,7 @@ def _through(planned: PhasePlan) -> tuple[Array, JointReference]:
 @final
 @dataclass(frozen=True)
 class Dynamics:
-    """By how much longer a motion must take for the bounds of an arm.
+    """Computes by which factor a motion must be slower for the limits of an arm.
 
     Args:
         arm: kinematics and inverse dynamics.
@@ -150,7 +150,7 @@ class Dynamics:
     payload: Payload
 
     def slower(self, quantity: str, asked: JointReference) -> float:
-        """Return how many times as long a motion must take; infinite where weight alone is beyond a bound.
+        """Return the factor on a motion's duration; infinite if weight alone is beyond a limit.
 
         Args:
             quantity: "velocity", "acceleration" or "torque".
@@ -158,11 +158,11 @@ class Dynamics:
         """
         if quantity == "torque":
             return max(map(self._for_torque, asked.position, asked.velocity, asked.acceleration), default=0.0)
-        share = float((np.abs(getattr(asked, quantity)) / self.limits.bound(quantity)).max(initial=0.0))
-        return share if quantity == "velocity" else math.sqrt(share)
+        fraction = float((np.abs(getattr(asked, quantity)) / self.limits.bound(quantity)).max(initial=0.0))
+        return fraction if quantity == "velocity" else math.sqrt(fraction)
 
     def _for_torque(self, position: Array, velocity: Array, acceleration: Array) -> float:
-        """Return the largest root s of bound = g + d / s + i / s^2, of any joint."""
+        """Return the largest root s of limit = g + d / s + i / s^2 of all joints."""
         torque = self.arm.inverse_dynamics(position, velocity, acceleration, self.armature, self.payload)
         weight, bound = self.arm.gravity_torque(position, self.payload), self.limits.torque
         weight = weight + self.arm.dry_friction(velocity)
@@ -180,7 +180,7 @@ class Dynamics:
 @final
 @dataclass(frozen=True)
 class _Remedies:
-    """How a plan asks for less.
+    """Finds changes of a plan that keep it within the limits.
 
     Args:
         dynamics: of the arm.
@@ -192,12 +192,12 @@ class _Remedies:
 
     dynamics: Dynamics
     plan: Plan
-    asked: AskedMotion
+    asked: RequiredMotion
     tick_s: float
     dynamic: bool
 
     def of(self, extreme: Extreme) -> str:
-        """Return what to change for a value beyond its bound, to be put behind its text; empty if unknown."""
+        """Return text, to follow that of a value beyond its limit, on the remedy; empty if unknown."""
         if extreme.quantity == "position" or not math.isfinite(extreme.excess):
             return ""
         asked, here = self.asked, self.asked.phase == extreme.phase
@@ -212,7 +212,7 @@ class _Remedies:
         return f"; {_longer(self.plan.phases[extreme.phase], math.ceil(10.0 * _BETWEEN * times) / 10.0)}"
 
     def _smooth(self, extreme: Extreme) -> str:
-        """Return which phases must have a smooth ramp, so that the reference does not jump."""
+        """Return text on the phases that need a smooth ramp, so that the reference does not jump."""
         planned = self.plan.phases[extreme.phase]
         around = [planned]
         if extreme.phase and not self.plan.phases[extreme.phase - 1].phase.settle_s:
@@ -228,10 +228,10 @@ class _Remedies:
         return bool((jump > _HALF * self.dynamics.limits.acceleration).any())
 
     def _with_ramp(self, planned: PhasePlan) -> str:
-        """Return that a phase needs a smooth ramp, and how long that must be."""
+        """Return text on the smooth ramp that a phase needs, and its duration."""
         phase, rule = planned.phase, self.dynamics.slower
         if phase.flange_shake is not None:
-            return f"put the shift of phase '{phase.name}' into a phase of its own, with ramp = \"smooth\""
+            return f"put the shift of phase '{phase.name}' into a separate phase, with ramp = \"smooth\""
         asked = planned.joints.through([progress("smooth", t, 1.0) for t in np.linspace(0.0, 1.0, _FEWEST)])
         needs = [rule(name, asked) for name in ("velocity", "acceleration", "torque")]
         least_s = _BETWEEN * max(each for each in needs if math.isfinite(each))
@@ -242,7 +242,7 @@ class _Remedies:
 
 
 def _longer(planned: PhasePlan, times: float) -> str:
-    """Return how a phase takes so many times as long."""
+    """Return text on how a phase takes `times` as long."""
     phase = planned.phase
     name = f"phase '{phase.name}'"
     if phase.tip_path is not None:
