@@ -21,8 +21,9 @@ from cosim.config.plugins import note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.settings import ClockTable
+from cosim.devices.command_checks import row_of_numbers
 from cosim.devices.command_source import StepToTake
-from cosim.devices.controller import Command, row_of_numbers
+from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
 
 if TYPE_CHECKING:

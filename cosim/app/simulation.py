@@ -18,7 +18,7 @@ from cosim.base import kept_parts, state_file
 from cosim.base.state import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import checked_step, shown, whole
+from cosim.devices.command_checks import checked_step, shown, whole
 from cosim.devices.live.live_values import WHO
 from cosim.errors import InputError
 from cosim.plan.decision import Choices

@@ -13,7 +13,8 @@ from typing import Final, Protocol, Self, final
 
 import numpy as np
 
-from cosim.devices.controller import Command, row_of_numbers
+from cosim.devices.command_checks import row_of_numbers
+from cosim.devices.controller import Command
 from cosim.devices.live.streams import Reading, Stream, Streams, open_stream
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot

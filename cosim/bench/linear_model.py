@@ -14,7 +14,7 @@ from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides import lumped_arm, section_arm
 from cosim.coupling.soft_sides.soft_side import MeshReader
-from cosim.devices.command_source import joint_rate
+from cosim.devices.flange_offset import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.soft.body.body import SoftBody

@@ -23,7 +23,7 @@ from cosim.build.options import contact_law, described_body, dynamic_options, fi
 from cosim.config.gas_rules import gas_report
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
-from cosim.devices import device_loop, sensor
+from cosim.devices import modelled_devices, sensor
 from cosim.plan.arm_limits import PlannedArm
 from cosim.plan.decision import CONTACT, Decision
 from cosim.reduced.section_model import SectionModel
@@ -72,7 +72,7 @@ def stage_of(
         gravity=np.array(scenario.gravity_m_s2),
         membrane_stress=partial(_largest_stress, body),
         cable_names=scenario.soft_robot.cable_names(),
-        devices=device_loop.device_names(scenario),
+        devices=modelled_devices.device_names(scenario),
         report=_report(parts, modelled, section),
         modelled=modelled,
         hinge_energy_share=partial(hinge_energy_share, body),
@@ -187,7 +187,7 @@ def _report(parts: Parts, modelled: tuple[Decision, ...], section: SectionModel 
         "Fidelity": fidelity_report(scenario, section),
         "Chamber": "closed by caps" if body.closed else "open ends (no cap force)",
         "Gas": gas_report(scenario),
-        **device_loop.device_report(scenario),
+        **modelled_devices.device_report(scenario),
         "Motion": "quasistatic" if scenario.mode == "quasistatic" else f"dynamic, {integrator}",
         "Self contact": film_report(scenario, body),
         "Contact": _contact_report(scenario, modelled),

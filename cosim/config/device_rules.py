@@ -123,13 +123,13 @@ def _a_winch_winds_cables(winch: WinchTable, scenario: Scenario) -> Violations:
 @rule
 def _one_winch_winds_a_cable(winch: WinchTable, scenario: Scenario) -> Violations:
     wound: dict[str, str] = {}
-    for winch in scenario.winches:
-        for name in winch.cables:
-            if winch is winch and name in wound:
+    for other in scenario.winches:
+        for name in other.cables:
+            if other is winch and name in wound:
                 yield "cables", f"cable '{name}' is wound by winch '{wound[name]}' already"
                 return
-            wound[name] = winch.name
-        if winch is winch:
+            wound[name] = other.name
+        if other is winch:
             return
 
 

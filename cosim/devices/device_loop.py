@@ -18,156 +18,26 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.config.schema.devices import ControllerTable, WinchTable
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices import command_source, sensor
-from cosim.devices.command_source import CommandsAhead, FlangeOffset, RobotState, StepToTake, measured_cables
-from cosim.devices.controller import (
-    AnyController,
-    BangBang,
-    Controller,
-    FeedbackLaw,
-    FeedbackLoop,
-    Held,
-    Measurement,
-    ProportionalIntegral,
-    TipFollower,
-    ZeroOrderHold,
-    over,
-)
-from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
-from cosim.devices.drives import (
-    CableDrive,
-    DelayLine,
-    LiveOrders,
-    Order,
-    Pump,
-    PumpDrive,
-    PumpState,
-    drums_of,
-    orders_of,
-)
-from cosim.errors import InputError, ScenarioError
+from cosim.devices import measurement, sensor
+from cosim.devices.build_controllers import build_holds
+from cosim.devices.cable_drive import CableDrive
+from cosim.devices.command_checks import over
+from cosim.devices.command_source import RobotState
+from cosim.devices.controller import AnyController, Measurement
+from cosim.devices.device_report import ActuationReport, ControlReport, PumpReport
+from cosim.devices.drum import drums_of
+from cosim.devices.measurement import measured_cables
+from cosim.devices.modelled_devices import device_names
+from cosim.devices.orders import LiveOrders, Order, orders_of
+from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpState
+from cosim.devices.zero_order_hold import Held
+from cosim.errors import InputError
 from cosim.plan.chamber_gas import ChamberGas
-from cosim.plan.commands import CommandRamp, RobotCommand, SoftCommand
-from cosim.plan.plan import PhasePlan, Plan
-from cosim.plan.references import IncrementReferences, TickReferences
+from cosim.plan.commands import SoftCommand
+from cosim.plan.plan import PhasePlan
 from cosim.soft.body.body import SoftBody
-
-
-def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[str, ZeroOrderHold]:
-    """Return every controller at its rate, by name.
-
-    Args:
-        scenario: checked.
-        given: controllers of kind "python", by name.
-
-    Raises:
-        ScenarioError: one is missing.
-        InputError: one is given that the scenario does not name, or that is no controller.
-    """
-    expected = [entry.name for entry in scenario.controllers if entry.kind == "python"]
-    for name, controller in given.items():
-        if name not in expected:
-            raise InputError(
-                f"controllers: the scenario has no [[controller]] '{name}' of kind 'python'; it has: "
-                f"{', '.join(expected) or 'none'}"
-            )
-        if not isinstance(controller, Controller):
-            raise InputError(
-                f"controllers: '{name}' is a {type(controller).__name__}; derive it from cosim.Controller"
-            )
-    cables, pumps = scenario.soft_robot.cable_names(), tuple(pump.name for pump in scenario.pumps)
-    holds = {}
-    for entry in scenario.controllers:
-        period = round(entry.period_s / scenario.clock.tick_s)
-        holds[entry.name] = ZeroOrderHold(entry.name, _controller(entry, given), period, cables, pumps)
-    return holds
-
-
-def _controller(entry: ControllerTable, given: Mapping[str, AnyController]) -> AnyController:
-    if entry.kind == "python":
-        if entry.name not in given:
-            raise ScenarioError(
-                f"controller.{entry.name}.kind",
-                f"'python' needs the controller itself: cosim.run(..., controllers={{'{entry.name}': ...}})",
-            )
-        return given[entry.name]
-    if entry.measures == "tip_position_m":
-        gains = entry.proportional_gain or 0.0, entry.integral_gain_per_s or 0.0
-        return TipFollower(*gains, entry.period_s)
-    assert entry.commands != "flange_twist", "checked with the scenario"
-    return FeedbackLoop(entry.measures, _law(entry), entry.commands, entry.cables)
-
-
-def _law(entry: ControllerTable) -> FeedbackLaw:
-    highest = np.inf if entry.output_max is None else entry.output_max
-    if entry.kind == "bang_bang":
-        assert entry.increment is not None, "checked with the scenario"
-        return BangBang(entry.increment, entry.band, entry.output_min, highest)
-    gains = entry.proportional_gain or 0.0, entry.integral_gain_per_s or 0.0
-    return ProportionalIntegral(*gains, entry.period_s, entry.output_min, highest)
-
-
-def device_names(scenario: Scenario) -> DeviceNames | None:
-    """Return what of devices there is to show; None where nothing is."""
-    lengths = any(phase.commands_lengths for phase in scenario.phases) or any(
-        entry.kind == "python" or entry.commands == "cable_shortening_m" for entry in scenario.controllers
-    )
-    lengths = lengths or bool(scenario.winches)
-    if not (lengths or scenario.pumps or scenario.controllers):
-        return None
-    controllers = tuple(
-        (entry.name, "" if entry.kind == "python" else entry.measures) for entry in scenario.controllers
-    )
-    pumps = tuple(entry.name for entry in scenario.pumps)
-    return DeviceNames(pumps, controllers, lengths, bool(scenario.winches))
-
-
-def device_report(scenario: Scenario) -> dict[str, str]:
-    """Return in words what is modelled of devices and sensors, by heading; empty without any."""
-    lines = {"Pumps": _pumps(scenario), "Cables": _cables(scenario), "Controllers": _controllers(scenario)}
-    lines["Sensors"] = sensor.sensor_report(scenario)
-    return {heading: text for heading, text in lines.items() if text}
-
-
-def _pumps(scenario: Scenario) -> str:
-    return "; ".join(
-        f"{entry.name}, {1e6 * entry.flow_kg_s:g} mg/s, band {1e-3 * entry.band_Pa:g} kPa, sensor "
-        f"{1e3 * entry.sensor_delay_s:g} ms late"
-        for entry in scenario.pumps
-    )
-
-
-def _cables(scenario: Scenario) -> str:
-    names = device_names(scenario)
-    if names is None or not names.lengths:
-        return ""
-    if not scenario.winches:
-        return "lengths commanded in places, without a winch: at once"
-    return "; ".join(
-        f"winch {winch.name} on {', '.join(winch.cables)}{_one_motor(winch)}, "
-        f"{1e6 * winch.step_m:.3g} um a step, "
-        f"at most {1e3 * winch.speed_m_s:.3g} mm/s, stalls at {winch.stall_force_N:.3g} N"
-        for winch in scenario.winches
-    )
-
-
-def _one_motor(winch: WinchTable) -> str:
-    return " by one motor" if winch.one_motor else ""
-
-
-def _controllers(scenario: Scenario) -> str:
-    texts = []
-    for entry in scenario.controllers:
-        rate = f"every {1e3 * entry.period_s:g} ms"
-        if entry.kind == "python":
-            texts.append(f"{entry.name}, in Python, {rate}")
-        else:
-            moves = f"{entry.commands} of {', '.join(entry.cables)}" if entry.cables else entry.commands
-            texts.append(f"{entry.name}, {entry.kind}, {entry.measures} by {moves}, {rate}")
-    return "; ".join(texts)
 
 
 @final
@@ -324,7 +194,7 @@ class Actuation:
         if not self.active:
             return None
         x = soft.state.positions
-        angle = command_source.bending_angle(soft.body.tip_direction(x), flange)
+        angle = measurement.bending_angle(soft.body.tip_direction(x), flange)
         height = float(soft.body.tip_position(x)[2])
         values = {"bending_angle_rad": angle, "tip_height_m": height}
         drives = self.cables
@@ -371,9 +241,7 @@ class Actuation:
         self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str, wanted: Array | None
     ) -> Measurement:
         cables, setpoint = self.measured_cables(soft), self._setpoints[name]
-        truth = replace(
-            command_source.measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted
-        )
+        truth = replace(measurement.measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)
         if not self.sensors:
             return truth
         through = self.sensors.through(truth, self._looks_through[name])
@@ -390,71 +258,3 @@ class Actuation:
 def _pump_report(drive: PumpDrive) -> PumpReport:
     setpoint_Pa, pump = drive.state.setpoint_Pa, drive.state.pump or PumpState(DelayLine())
     return PumpReport(setpoint_Pa, pump.on, pump.venting, pump.starts, pump.on_s, pump.delivered_kg)
-
-
-@final
-class PlannedCommands(command_source.CommandSource):
-    """Asks for what a scenario plans, and what its devices and controllers make of it.
-
-    Args:
-        scenario: checked.
-        plan: made from it.
-        soft: soft side, which devices act on and look at.
-        actuation: devices.
-    """
-
-    gas: ChamberGas
-    """What is in the chambers."""
-    actuation: Actuation
-    """Its devices."""
-
-    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
-        self._plan, self._soft, self.actuation = plan, soft, actuation
-        self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
-        self.gas = ChamberGas(scenario.gas)
-        self._offset = FlangeOffset(len(plan.joints))
-        self.sensors = actuation.sensors = sensor.Sensors(scenario, len(plan.joints))
-        self._references: TickReferences | IncrementReferences | None = None
-
-    def begin_phase(self, phase: int) -> None:
-        planned = self._plan.phases[phase]
-        self.gas.begin(planned.gas, self._soft)
-        self.actuation.begin_phase(planned, self._soft)
-
-    def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
-        references = self._of(step.phase)
-        planned, (joints, load_factor) = references.planned, references.at(step.done)
-        self.gas.advance(self._soft, step.length_s)
-        if self.actuation.active:
-            twist = self.actuation.act(planned, self.gas, self._soft, see, (step.done, load_factor))
-            joints = self._offset.moved(joints, twist, see, step.length_s)
-        asked = self.gas.between(planned.begin, planned.end, load_factor)
-        return RobotCommand(joints, self.actuation.driven(asked))
-
-    def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
-        references, by_tick = self._of(phase), self.actuation.active or self.sensors or self.gas.holds_gas
-        if by_tick or isinstance(references, IncrementReferences):
-            return None
-        planned, (joints, shares) = references.planned, references.from_on(done, most)
-        begin, end, between = planned.begin, planned.end, self.gas.between
-        return CommandsAhead(joints, tuple([between(begin, end, share) for share in shares]))
-
-    def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
-        references = self._of(phase)
-        ramp = CommandRamp(references.planned.begin, references.planned.end)
-        return self.actuation.driven(ramp.at(references.at(done)[1])).cable_tension_N
-
-    def report(self, flange: Pose) -> ActuationReport | None:
-        return self.actuation.report(self._soft, flange)
-
-    def parts(self) -> dict[str, Any]:
-        return {"gas": self.gas, **self.actuation.parts(), "offset": self._offset, "sensors": self.sensors}
-
-    def _of(self, phase: int) -> TickReferences | IncrementReferences:
-        """Return what a phase asks for, step by step."""
-        planned, found = self._plan.phases[phase], self._references
-        if found is None or found.planned is not planned:
-            tick_s = self._tick_s
-            found = IncrementReferences(planned) if tick_s is None else TickReferences(planned, tick_s)
-            self._references = found
-        return found

@@ -19,7 +19,8 @@ from cosim.base.frames import Array, Mask
 from cosim.base.kept_parts import KeptParts
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import Measurement, row_of_numbers, shown
+from cosim.devices.command_checks import row_of_numbers, shown
+from cosim.devices.controller import Measurement
 from cosim.errors import InputError, SolverError
 from cosim.gym.tasks import STEP_S, LearningTask, task_of
 

@@ -132,7 +132,7 @@ class FlangeMotion:
 
     @property
     def rate_at_ends(self) -> Array:
-        """d(linear, angular)/d(fraction) (6,) [m, rad], world axes, at both ends (oscillations rest there)."""
+        """d(linear, angular)/d(fraction) (6,) [m, rad], world axes, at the ends (oscillations rest there)."""
         return np.concatenate([self.shift, self.turn])
 
     @property

@@ -150,7 +150,7 @@ class _Trip:
         return replace(load, gravity=(x, y, z))
 
     def beginning_at(self, tip: TipFrame) -> CourseInstant:
-        """Return the targets for a tip that is slightly off the path at first, and on it after the first ramp."""
+        """Return targets for a tip that is slightly off the path at first, and on it after the first ramp."""
         first, since = self.instants.row(0), np.minimum(self._time_s / self.course.ramp_s, 1.0)
         beside = 1.0 - since**3 * (10.0 - 15.0 * since + 6.0 * since**2)
         place = self.instants.position + beside[:, None] * (tip.position - first.position)

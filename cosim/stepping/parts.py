@@ -14,8 +14,9 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.devices.command_source import BodyPoses, RobotState, SteeredCommands, StepToTake
+from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
+from cosim.devices.measurement import BodyPoses
 from cosim.plan import static_plan, tip_errors
 from cosim.plan.commands import RobotCommand, SoftCommand, loads_of
 from cosim.plan.plan import PhasePlan, Plan

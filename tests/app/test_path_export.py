@@ -15,7 +15,7 @@ import cosim
 from benchmarks.tip_paths import bare_arm
 from cosim.app.payload import payload_rows
 from cosim.base.frames import rotations_from_quaternions
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.cli.main import main
 from cosim.errors import InputError
 from cosim.results.exports import PAYLOAD, JointTable, sample_times
@@ -45,7 +45,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the scenario of the small arm; its model is not built again."""
     (tmp_path / "small.toml").write_text(on_a_ur5e(20e3, PHASES), encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
     return tmp_path / "small.toml"
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import cosim
 from cosim.app.motion import APPROACH_s, Replayed, SETTLE_s
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.cli.main import main
 from cosim.errors import InputError
 from cosim.results.exports import JointTable
@@ -34,7 +34,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, JointTable, R
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("replay")
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-        patch.setattr(soft_model, "build_model", lambda *_: section().model)
+        patch.setattr(section_models, "build_model", lambda *_: section().model)
         file = folder / "small.toml"
         file.write_text(on_a_ur5e(20e3, PHASES), encoding="utf-8")
         table = cosim.plan_path(file, whole=True, rate_Hz=125.0)
@@ -44,7 +44,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, JointTable, R
 @pytest.fixture(autouse=True)
 def _built_before(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
 
 
 def measured(asked: tuple[Path, JointTable, Replayed]) -> JointTable:

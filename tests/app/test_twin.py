@@ -19,7 +19,7 @@ import pytest
 
 import cosim
 from cosim.app.twin import APPROACH_s, GAP_s
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.cli.main import main
 from cosim.devices.live import streams
 from cosim.errors import InputError
@@ -33,7 +33,7 @@ COUNT = 250  # 2 s at 125 Hz
 @pytest.fixture(autouse=True)
 def scenario(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> str:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
     file = tmp_path / "small.toml"
     text = on_a_ur5e(20e3, "[contact]\nenabled = false\n[clock]\ntick_s = 0.002\n")
     file.write_text(text, encoding="utf-8")

@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 import cosim
 from cosim.base.frames import Array
 from cosim.base.kept_parts import KeptParts
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.errors import InputError
 from tests.derivatives import differences, relative_error
 from tests.small_section import on_a_ur5e, section
@@ -28,7 +28,7 @@ AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 @pytest.fixture(autouse=True)
 def _small_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build import section_models, soft_model
+from cosim.build import section_models
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
@@ -32,7 +32,7 @@ duration_s = 0.02
 
 def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     run = cosim.run(path)
@@ -50,7 +50,9 @@ def test_the_error_of_a_model_is_told_and_kept(tmp_path: Path, monkeypatch: pyte
     assert 0.001 < middle < 0.2
     assert middle < most
     assert f"({1e2 * max(row['bending'][1] for row in held_out):.0f} % at" in run.stage.report
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: pytest.fail("the model has been built before"))
+    monkeypatch.setattr(
+        section_models, "build_model", lambda *_: pytest.fail("the model has been built before")
+    )
     assert cosim.run(path).summary["section_model"] == figures
     assert cosim.run(path, overrides={"fidelity": "rigid"}).summary["section_model"] is None
 
@@ -70,7 +72,7 @@ def test_recordings_draw_a_refined_film_on_the_mesh_before_refining(
             nodes = nodes[:, parents(coarse, middle)].mean(axis=2)[:, parents(middle, fine)].mean(axis=2)
         return replace(section().model, nodes=nodes)
 
-    monkeypatch.setattr(soft_model, "build_model", build)
+    monkeypatch.setattr(section_models, "build_model", build)
     assert cosim.Simulation(path).stage.drawn is None
     stage = cosim.Simulation(path, overrides={"soft_robot.stack.refine": 2}).stage
     drawn, x = stage.drawn, coarse.positions * (1.0, 1.0, 1.2)
@@ -93,7 +95,7 @@ def test_a_model_is_kept_for_its_range_of_pressure(tmp_path: Path, monkeypatch: 
         spline = section().model.spline._replace(largest_Pa=largest_Pa)
         return replace(section().model, spline=spline)
 
-    monkeypatch.setattr(soft_model, "build_model", build)
+    monkeypatch.setattr(section_models, "build_model", build)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     ordinary, high = load_scenario(path), load_scenario(path, {"phase.hang.pressure_Pa": 90e3})
@@ -140,7 +142,7 @@ def test_a_model_that_loses_its_equilibria_is_refused(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     lost = replace(section().model, tips=section().model.tips * (1.0, float("inf"), 1.0))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: lost)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"'hexagon_arm' is not valid: .* use fidelity = 'lumped'"):
@@ -151,7 +153,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     off = 0.06 / section().model.tip_error
     far = replace(section().model, tips=section().model.tips * (1.0, off, 1.0))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: far)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: far)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"by up to 6% of its length, more than 5%, .*; take fidelity"):
@@ -161,7 +163,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_cables_are_wound_as_on_the_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: str) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
     path = tmp_path / "three_units.toml"
     wind = "duration_s = 0.1\nincrements = 4\ncable_shortening_m = { right = 0.004 }"
     path.write_text(SCENARIO.replace("duration_s = 0.02", wind), encoding="utf-8")
@@ -179,7 +181,7 @@ def test_film_without_smooth_states_is_refused(tmp_path: Path, monkeypatch: pyte
         raise ConvergenceError("the stiffener has buckled", 1.0, 25)
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lost)
+    monkeypatch.setattr(section_models, "build_model", lost)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"no section model of .*the stiffener has buckled") as refused:

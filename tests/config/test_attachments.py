@@ -108,7 +108,7 @@ def test_wrong_tables_of_tensions_are_refused() -> None:
     )
     assert refusal({"cable_tension_N": {"right": -1.0}}).startswith("phase.p0.cable_tension_N.right: -1")
     reach = {"tip_target": {"height_m": 0.1, "reach_with": "cables"}}
-    assert "leaves out left" in refusal(reach, {"cable_tension_N": {"right": 1.0, "gripper": 1.0}})
+    assert "omits left" in refusal(reach, {"cable_tension_N": {"right": 1.0, "gripper": 1.0}})
 
 
 def test_the_reach_goes_on_beyond_the_plate() -> None:

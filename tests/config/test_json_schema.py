@@ -96,7 +96,7 @@ def test_a_key_is_told_with_unit_bounds_default_and_meaning() -> None:
     settle = SCENARIO["$defs"]["PhaseTable"]["properties"]["settle_s"]
     assert settle == {
         "default": 0.0,
-        "description": "held afterwards, at the end values. Unit: s.",
+        "description": "time after the ramp in which the end values are held. Unit: s.",
         "maximum": 1e9,
         "minimum": 0.0,
         "type": "number",

@@ -132,7 +132,7 @@ REPLACED = {
         "1800 periods",
     ),
     "wire as light as air": ("[clock]", f"{WIRE}mass_kg = 1e-9\n[clock]", "wire.w.mass_kg", "0.000125"),
-    "mesh far away": ("[clock]", "[clock]", "object.m.file", "neither beside the scenario"),
+    "mesh far away": ("[clock]", "[clock]", "object.m.file", "neither in the scenario's folder"),
 }
 
 

@@ -11,7 +11,8 @@ from scipy.linalg import expm
 
 from cosim import Command, Controller, Measurement
 from cosim.base.frames import Array, Pose, Wrench
-from cosim.devices.controller import BangBang, FeedbackLoop, ProportionalIntegral, ZeroOrderHold
+from cosim.devices.feedback import BangBang, FeedbackLoop, ProportionalIntegral
+from cosim.devices.zero_order_hold import ZeroOrderHold
 from cosim.errors import InputError, InstabilityError
 
 GAIN, TAU_s, PERIOD_s = 2.0, 0.5, 0.02

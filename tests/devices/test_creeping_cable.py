@@ -11,7 +11,8 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.devices.drives import CableDrive, Order
+from cosim.devices.cable_drive import CableDrive
+from cosim.devices.orders import Order
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, base_tension, step_spring
 from cosim.soft.solve.state import StepOptions

@@ -15,7 +15,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.command_source import joint_rate
+from cosim.devices.flange_offset import joint_rate
 from tests.devices import device_parts
 
 MOVED = (0.02, 0.0, 0.03, 0.0, 0.0, 0.2)

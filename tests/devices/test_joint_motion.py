@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.devices.live.live_commands import Departure, JointMotion
+from cosim.devices.live.joint_motion import Departure, JointMotion
 from cosim.kinematics.arm import Arm
 from cosim.plan.arm_limits import ArmLimits
 

@@ -15,7 +15,7 @@ from cosim.app.driver import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.command_source import ring_twist
+from cosim.devices.measurement import ring_twist
 from tests.devices import device_parts
 
 PRESS = """

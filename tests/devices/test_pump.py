@@ -10,7 +10,7 @@ import pytest
 
 from cosim.base.frames import Array
 from cosim.config.schema.devices import PumpTable
-from cosim.devices.drives import DelayLine, Pump, PumpState
+from cosim.devices.pump import DelayLine, Pump, PumpState
 from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa, leak
 
 VOLUME_m3 = 4e-4

@@ -9,7 +9,7 @@ import pytest
 
 import cosim
 from cosim.config.loading import load_scenario
-from cosim.devices.controller import TipFollower
+from cosim.devices.feedback import TipFollower
 from cosim.errors import InputError, ScenarioError
 from tests.devices.test_control import seen
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import pytest
 
 from cosim.config.schema.devices import WinchTable
-from cosim.devices.drives import WinchState
+from cosim.devices.winch import WinchState
 
 TICK_s = 2e-3
 STIFFNESS = 5e3

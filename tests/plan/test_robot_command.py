@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.errors import InputError
-from cosim.plan import plan
+from cosim.plan import commands
 from cosim.plan.commands import CommandRamp, SoftCommand, loads_of
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
@@ -92,7 +92,7 @@ def test_a_field_more_is_ramped_as_that_of_the_end_and_needs_a_load(monkeypatch:
     assert replace(asked, gas=(GAS, None)).unsealed().wind_m_s == 3.0
     with pytest.raises(TypeError, match="wind_m_s"):
         loads_of(asked, GRAVITY)
-    monkeypatch.setattr(plan, "Loads", Windy)
+    monkeypatch.setattr(commands, "Loads", Windy)
     loads = loads_of(asked, GRAVITY)
     assert isinstance(loads, Windy)
     assert loads.wind_m_s == 3.0

@@ -18,7 +18,7 @@ from cosim.config.loading import load_scenario
 from cosim.errors import ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
-from cosim.plan import planning
+from cosim.plan import static_plan
 from cosim.plan.flange_motion import rotation_from_direction
 from cosim.plan.joint_planner import plan_joints
 
@@ -49,7 +49,7 @@ def refuse_statics(*arguments: Any) -> None:
 def test_given_poses_are_refused_before_any_statics(
     changes: dict[str, Any], key: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(planning, "start_equilibrium", refuse_statics)
+    monkeypatch.setattr(static_plan, "start_equilibrium", refuse_statics)
     scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, **changes})
     with pytest.raises(ScenarioError) as caught:
         build(scenario)
@@ -61,7 +61,7 @@ def test_an_arm_that_cannot_hold_its_load_is_named_before_any_statics(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also where the first phase has a target of the tip, which takes statics to plan for."""
-    monkeypatch.setattr(planning, "start_equilibrium", refuse_statics)
+    monkeypatch.setattr(static_plan, "start_equilibrium", refuse_statics)
     target = {"name": "reach", "duration_s": 1.0, "tip_target": {"position_m": [0.4, 0.0, 0.2]}}
     scenario = load_scenario("tip_path", {"phase": [target], "soft_robot.mass.node_mass_kg": 1.0})
     with pytest.raises(ScenarioError, match=r"^start\.flange: the arm cannot hold itself and a payload of"):

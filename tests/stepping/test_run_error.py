@@ -16,7 +16,7 @@ import pytest
 
 import cosim
 from cosim.base.kept_parts import KeptParts
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.build.soft_model import SoftModel
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
@@ -278,7 +278,7 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: framed_section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: framed_section().model)
     path = tmp_path / "bent.toml"
     path.write_text(on_a_ur5e(25e3, BENT, FRAMED, published=False), encoding="utf-8")
     rows, film = (phases(path, fidelity=model, mode="quasistatic") for model in ("section", "lumped"))

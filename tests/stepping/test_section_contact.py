@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from tests.small_section import ROBOT, section
@@ -80,7 +80,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def kept(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setattr(soft_model, "build_model", lambda *_: section().model)
+    monkeypatch.setattr(section_models, "build_model", lambda *_: section().model)
 
 
 @cache

@@ -13,7 +13,7 @@ import pytest
 
 from cosim.app.driver import Options, build_simulation, drive, execute
 from cosim.app.simulation import Simulation
-from cosim.build import soft_model
+from cosim.build import section_models
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
@@ -52,7 +52,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     file.write_text(SCENARIO, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(file.parent / "cache"))
-        patch.setattr(soft_model, "build_model", lambda *_: section().model)
+        patch.setattr(section_models, "build_model", lambda *_: section().model)
         yield file
 
 

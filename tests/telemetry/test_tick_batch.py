@@ -14,7 +14,7 @@ from cosim.base.frames import Pose, quaternion_from_rotation, quaternions_from_r
 from cosim.base.solid import LinkContact
 from cosim.config.loading import load_scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
-from cosim.devices.command_source import bending_angle
+from cosim.devices.measurement import bending_angle
 from cosim.telemetry.snapshot import FilmShape, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot

@@ -17,8 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, final
 
 from cosim.config.gas_rules import gas_rules
 from cosim.config.schema.scenario import Scenario
-from cosim.devices.controller import Command, check_command, check_one_order_each, named_values, numbers, over
-from cosim.devices.drives import LiveOrders, Order, PumpDrive
+from cosim.devices.command_checks import check_command, check_one_order_each, named_values, numbers, over
+from cosim.devices.controller import Command
+from cosim.devices.orders import LiveOrders, Order
+from cosim.devices.pump import PumpDrive
 from cosim.errors import InputError
 from cosim.plan.chamber_gas import ChamberGas
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from select import select
 from typing import Any, Final, final
 
-from cosim.devices.controller import shown
+from cosim.devices.command_checks import shown
 from cosim.errors import InputError
 
 RTDE_PORT: Final = 30004

@@ -1,0 +1,145 @@
+"""x"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose, cross, length, rotations_from_quaternions
+from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.devices.cable_drive import CableDrive
+from cosim.devices.command_source import RobotState
+from cosim.devices.controller import Measurement
+from cosim.plan.chamber_gas import ChamberGas
+from cosim.soft.elements.cable import stretch_at
+
+
+@final
+class BodyPoses(Mapping[str, Pose]):
+    """World from each of some rigid bodies, by name; a pose is made when it is asked for.
+
+    Args:
+        names: (bodies,).
+        positions: (bodies, 3) [m].
+        quaternions: (bodies, 4), (w, x, y, z); nobody writes to either.
+    """
+
+    def __init__(self, names: tuple[str, ...], positions: Array, quaternions: Array) -> None:
+        self._names, self._positions, self._quaternions = names, positions, quaternions
+
+    def __getitem__(self, name: str) -> Pose:
+        if name not in self._names:
+            raise KeyError(f"there is no rigid body '{name}'; there are: {', '.join(self._names)}")
+        k = self._names.index(name)
+        (rotation,) = rotations_from_quaternions(self._quaternions[k : k + 1])
+        return Pose(rotation, self._positions[k])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        """Return what a dictionary of the poses would."""
+        return repr(dict(self))
+
+
+def measured(
+    soft: SoftSide,
+    robot: RobotState,
+    gas: ChamberGas,
+    cables: Mapping[str, Mapping[str, float]],
+    *,
+    setpoint: float | None = None,
+    limits: tuple[str, ...] = (),
+) -> Measurement:
+    """Return what is measured of a run.
+
+    Args:
+        soft: side, in its present state.
+        robot: the rest, at the same time.
+        gas: in the chambers.
+        cables: those fields of a measurement that are by cable.
+        setpoint: see `Measurement`.
+        limits: the same.
+    """
+    body, state = soft.body, soft.state
+    contents = [gas.content(k) for k in range(len(soft.pressures_Pa))]
+    direction = body.tip_direction(state.positions)
+    return Measurement(
+        time_s=robot.time_s,
+        setpoint=setpoint,
+        tip_position=body.tip_position(state.positions),
+        tip_direction=direction,
+        tip_twist=ring_twist(state.positions[body.tip], state.velocities[body.tip]),
+        bending_angle_rad=bending_angle(direction, robot.flange),
+        pressure_Pa=tuple(soft.pressures_Pa),
+        volume_m3=tuple(soft.volumes_m3),
+        gas_kg=tuple(None if content is None else content.mass_kg for content in contents),
+        joint_position=robot.joint_position,
+        joint_velocity=robot.joint_velocity,
+        joint_torque=robot.joint_torque,
+        flange=robot.flange,
+        flange_twist=robot.flange_twist,
+        flange_wrench=robot.wrench,
+        contact_force_N=robot.contact_force,
+        body_pose=robot.body_pose,
+        limits=limits,
+        sensors={},
+        tip_wanted=None,
+        **cables,
+    )
+
+
+def measured_cables(
+    names: Sequence[str], drives: Sequence[CableDrive], positions: Array, tension_N: Sequence[float] | None
+) -> dict[str, dict[str, float]]:
+    """Return those fields of a measurement that are by cable.
+
+    Args:
+        names: of the cables.
+        drives: of each.
+        positions: (n, 3) [m].
+        tension_N: of each cable, where the drives do not drive them; None: they do.
+    """
+    lengths = [drive.cable.length(positions) for drive in drives]
+    if tension_N is None:
+        tension_N = [drive.tension_N(positions) for drive in drives]
+        unstretched = [drive.unstretched_m(positions) for drive in drives]
+    else:
+        rows = zip(drives, tension_N, lengths, strict=True)
+        unstretched = [long - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, long in rows]
+    columns = {"cable_tension_N": tension_N, "cable_length_m": lengths, "cable_unstretched_m": unstretched}
+    return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}
+
+
+def bending_angle(tip_direction: Array, flange: Pose) -> float:
+    """Return the angle [rad] between the tip's direction (3,) and the flange's z axis."""
+    axis = flange.rotation[:, 2]
+    return float(np.arctan2(length(cross(axis, tip_direction)), axis @ tip_direction))
+
+
+def ring_twist(positions: Array, velocities: Array) -> Array:
+    """Return the twist (6,) [m/s, rad/s] about the centre of some nodes that is nearest to how they move.
+
+    With r from the centre, v = V + w x r in the least squares: sum (r.r 1 - r r^T) w = sum r x (v - V).
+
+    Args:
+        positions: (n, 3) [m].
+        velocities: (n, 3) [m/s].
+    """
+    count = len(positions)
+    linear = velocities.sum(axis=0) / count
+    away, moving = positions - positions.sum(axis=0) / count, velocities - linear
+    spread = float((away * away).sum()) * np.eye(3) - away.T @ away
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (away.T @ moving).tolist()  # the sum of r v^T
+    moment = np.array([yz - zy, zx - xz, xy - yx])
+    if np.linalg.det(spread) > _FLAT * spread.trace() ** 3:
+        return np.concatenate([linear, np.linalg.solve(spread, moment)])
+    # nodes in a line say nothing of turns about it
+    return np.concatenate([linear, np.linalg.lstsq(spread, moment, rcond=1e-9)[0]])
+
+
+_FLAT: Final = 1e-6
+"""Of the determinant of nodes' spread to the cube of its trace, at most 1/27: below, they are in a line."""
