@@ -19,7 +19,7 @@ from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import command_source, controller
 from cosim.devices.device_loop import Actuation
 from cosim.devices.live import live_commands
-from cosim.devices.live.live_values import LiveBounds
+from cosim.devices.live.live_bounds import LiveBounds
 from cosim.devices.planned_commands import PlannedCommands
 from cosim.errors import ScenarioError, SolverError
 from cosim.plan import arm_limits, film_reach, path_clearance, section_plan

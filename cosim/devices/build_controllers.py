@@ -1,4 +1,4 @@
-"""x"""
+"""Builds the controllers of a scenario from their tables and from those passed in Python."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ from cosim.errors import InputError, ScenarioError
 
 
 def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[str, ZeroOrderHold]:
-    """Return every controller at its rate, by name.
+    """Return the controllers of a scenario, each in a `ZeroOrderHold`, by name.
 
     Args:
         scenario: checked.
@@ -21,7 +21,7 @@ def build_holds(scenario: Scenario, given: Mapping[str, AnyController]) -> dict[
 
     Raises:
         ScenarioError: one is missing.
-        InputError: one is given that the scenario does not name, or that is no controller.
+        InputError: one is passed that the scenario does not name, or that is not a `Controller`.
     """
     expected = [entry.name for entry in scenario.controllers if entry.kind == "python"]
     for name, controller in given.items():

@@ -1,27 +1,5 @@
-"""Cables and pumps as they are driven: winches and their stepper motors, pumps and their pressure switches.
-
-A stepper motor that winds a cable on a drum through a gear.
-
-A step winds l = step angle x drum radius / gear ratio. The driver counts the steps that it commands; the drum
-follows unless the cable pulls too hard: steps that would lift the tension above the stall force
-F = stall torque x gear ratio / drum radius are lost, and a tension above it drags the drum back by whole
-steps. Nothing tells the driver: it continues from its count, so the length stays wrong by what was lost.
-Within a tick the eyelets count as fixed, a step of l lifts the tension by k l (k the cable's stiffness): near
-stall the motor is therefore slowed down to (F - T) / (k tick), never taken beyond. Of several cables on one
-drum T is the sum of their tensions, and k that of their stiffnesses.
-
-What commands one cable through a run: its tension, or its unstretched length, by a winch or at once.
-
-What is asked of cables and pumps: by a phase, and from outside in its place.
-
-A pump that a pressure switch turns on and off, with a vent valve, and its work on a chamber's gas.
-
-The switch sees the gauge pressure of some ticks ago. With the setpoint r and the band b
-    on below r - b/2, off above r + b/2, in between as before;
-    the valve opens above r + v and closes below r; it stays shut where no v is given.
-While on, the pump delivers q (1 - p / p_max) kg/s against the gauge pressure p (the usual straight line of a
-diaphragm pump; q without p_max). At constant volume and temperature dp/dm = R T / V, so that a step has the
-closed form p(t) = p_max - (p_max - p_0) exp(-q R T t / (V p_max)), whatever its length.
+"""Drives one cable through a run: by its tension, or by its unstretched length, with a winch or
+instantaneously.
 """
 
 from __future__ import annotations
@@ -40,14 +18,14 @@ from cosim.soft.elements.cable import Cable, base_tension, step_spring, stretch_
 @final
 @dataclass(frozen=True)
 class CableDriveState:
-    """Where a drive is.
+    """State of a cable drive.
 
     Args:
-        begin: tension [N] or unstretched length [m] at the start of the phase.
-        wanted: now.
+        begin: commanded tension [N] or unstretched length [m] at the start of the phase.
+        wanted: present commanded value [N or m].
         length_m: unstretched length off the drum; None while the tension is commanded.
-        winch: of the winch while the length is commanded.
-        stretch_m: of the cable where the tick begins; of a slack one 0.
+        winch: state of the winch while the length is commanded.
+        stretch_m: of the cable at the start of the tick; 0 for a slack one.
     """
 
     begin: float
@@ -63,7 +41,7 @@ class CableDrive:
 
     Args:
         cable: of the soft body.
-        winch: that winds it; None: a commanded length is there at once.
+        winch: that winds it; None: a commanded length is reached instantaneously.
         tension_N: before the first phase.
         tick_s: length of a tick; infinite in statics.
     """
@@ -73,16 +51,16 @@ class CableDrive:
     ) -> None:
         self.cable, self.winch, self._tick_s = cable, winch, tick_s
         self.state = self.at_rest(tension_N)
-        """What the next tick depends on."""
+        """State, on which the next tick depends."""
 
     def at_rest(self, tension_N: float) -> CableDriveState:
-        """Return the state under a commanded tension at which the cable has crept to rest."""
+        """Return the state under a commanded tension after the cable's creep has ended."""
         stretch = max(stretch_at(tension_N, self.cable.stiffness_N_m), 0.0)
         return CableDriveState(tension_N, tension_N, stretch_m=stretch)
 
     @property
     def spring(self) -> tuple[float, float]:
-        """q of this tick, and by how much L_0' is longer than L_0 [m], see `step_spring`."""
+        """q of this tick, and L_0' - L_0 [m], see `step_spring`."""
         return step_spring(self.cable, self.state.stretch_m, self._tick_s)
 
     @property
@@ -93,12 +71,12 @@ class CableDrive:
 
     @property
     def lost_steps(self) -> int:
-        """Steps that the winch has lost since the length is commanded."""
+        """Steps that the winch has lost since the length has been commanded."""
         return 0 if self.state.winch is None else self.state.winch.lost
 
     @property
     def given_tension_N(self) -> float:
-        """Commanded tension; zero, and without meaning, while the length is commanded."""
+        """Commanded tension; zero, and without effect, while the length is commanded."""
         return self.state.wanted if self.state.length_m is None else 0.0
 
     def tension_N(self, positions: Array) -> float:
@@ -109,11 +87,11 @@ class CableDrive:
         return base_tension(self.cable, positions, length, self.spring[0])
 
     def unstretched_m(self, positions: Array) -> float:
-        """Return the commanded length; while the tension is, that off the drum."""
+        """Return the commanded length, or under a commanded tension the unstretched length off the drum."""
         return self.off_drum_m(positions) if self.state.length_m is None else self.state.wanted
 
     def off_drum_m(self, positions: Array) -> float:
-        """Return the unstretched length off the drum; under a commanded tension what its stretch leaves."""
+        """Return the unstretched length off the drum; under a commanded tension, route minus stretch."""
         if self.state.length_m is not None:
             return self.state.length_m
         stiffening, longer = self.spring
@@ -121,10 +99,10 @@ class CableDrive:
         return self.cable.length(positions) - longer - stretch
 
     def begin(self, order: Order | None, positions: Array) -> None:
-        """Begin a phase; nothing changes at this instant.
+        """Begin a phase; tension and length do not change at this instant.
 
         Args:
-            order: what the phase asks; None: all stays.
+            order: command of the phase; None: unchanged.
             positions: (n, 3) [m].
         """
         state = self._prepared(order, positions)
@@ -133,12 +111,12 @@ class CableDrive:
     def move(
         self, order: Order | None, load_factor: float, commanded: Order | None, positions: Array
     ) -> None:
-        """Take over what is wanted at the end of a tick; a winch turns afterwards, see `Drum`.
+        """Set the commanded value at the end of a tick; a winch turns afterwards, see `Drum`.
 
         Args:
-            order: what the phase asks; None: all stays.
+            order: command of the phase; None: unchanged.
             load_factor: of the phase's ramp, 0 to 1.
-            commanded: by a controller, in place of the ramp; None: the ramp.
+            commanded: command of a controller, in place of the ramp; None: the ramp.
             positions: (n, 3) [m], at the start of the tick.
         """
         stretch = max(self.cable.length(positions) - self.off_drum_m(positions), 0.0)
@@ -156,7 +134,7 @@ class CableDrive:
         self.state = state
 
     def _prepared(self, order: Order | None, positions: Array) -> CableDriveState:
-        """Return the state in which an order can be followed, with the present tension."""
+        """Return the state for the kind of a command, with the present tension."""
         if order is None or (order[0] == "tension") == (self.state.length_m is None):
             return self.state
         if order[0] == "tension":

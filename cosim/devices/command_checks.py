@@ -1,4 +1,4 @@
-"""x"""
+"""Checks the values of commands from controllers and from `Simulation.step`: names, numbers, bounds."""
 
 import math
 import operator
@@ -15,7 +15,7 @@ from cosim.errors import InputError, InstabilityError
 Value = TypeVar("Value")
 _LONGEST: Final = 60
 _ROTATION: Final = 1e-3
-"""Largest entry by which R^T R may differ from 1: whoever types a pose gives few digits."""
+"""Largest entry by which R^T R may differ from 1; a pose that is typed in has few digits."""
 
 
 def named_values(
@@ -27,21 +27,21 @@ def named_values(
     lowest: float = -math.inf,
     above: float = -math.inf,
 ) -> tuple[float | None, ...]:
-    """Return what is commanded of each name in order; None where it is left out.
+    """Return the commanded value of each name in order; None for names that are omitted.
 
     Args:
         given: values by name.
-        names: that there are.
-        who: commands, for messages.
+        names: that exist.
+        who: source of the command, for messages.
         key: of the command.
-        lowest: value that is allowed.
-        above: what values have to be.
+        lowest: smallest allowed value.
+        above: value that all must exceed.
 
     Raises:
-        InputError: there is no such name, or a value is no number or too low.
+        InputError: a name does not exist, or a value is not a number or too low.
         InstabilityError: a value is not finite.
     """
-    if type(given) is not dict and not isinstance(given, Mapping):  # the first costs least
+    if type(given) is not dict and not isinstance(given, Mapping):  # the first check is faster
         raise InputError(f"{who}: {key} is {shown(given)}; give numbers by name, such as {{'name': 1.0}}")
     values = {}
     for name, value in given.items():
@@ -61,16 +61,16 @@ def named_values(
 def numbers(
     given: Sequence[float] | Array | None, count: int, who: str, key: str
 ) -> tuple[float, ...] | None:
-    """Return a list of a command; None where it is left out.
+    """Return the numbers of a command's list; None for None.
 
     Args:
         given: numbers.
-        count: that there have to be.
-        who: commands, for messages.
+        count: required number.
+        who: source of the command, for messages.
         key: of the command.
 
     Raises:
-        InputError: there are not as many, or they are no numbers.
+        InputError: their number is wrong, or an entry is not a number.
         InstabilityError: one is not finite.
     """
     if given is None:
@@ -82,15 +82,15 @@ def numbers(
 
 
 def row_of_numbers(given: Any, count: int, place: str) -> tuple[float, ...]:
-    """Return a list or array (count,) as numbers, which may be infinite or not a number.
+    """Return a list or array (count,) as numbers, which may be infinite or NaN.
 
     Args:
-        given: whatever is given as one.
-        count: that there have to be.
-        place: what it is, for messages.
+        given: the list or array.
+        count: required number.
+        place: name of the value, for messages.
 
     Raises:
-        InputError: there are not as many, or they are no numbers.
+        InputError: their number is wrong, or an entry is not a number.
     """
     if isinstance(given, np.ndarray) and given.ndim == 1:
         given = given.tolist()
@@ -105,10 +105,10 @@ def row_of_numbers(given: Any, count: int, place: str) -> tuple[float, ...]:
 
 
 def check_command(command: Command, who: str) -> None:
-    """Check that a command is one, and that its flange is a pose.
+    """Check the type of a command, and the pose of its flange.
 
     Raises:
-        InputError: it is not.
+        InputError: one is wrong.
         InstabilityError: a number of the pose is not finite.
     """
     if not isinstance(command, Command):
@@ -137,15 +137,15 @@ def check_one_order_each(
 
 
 def checked_step(command: Any, ticks: Any, who: str) -> tuple[Command | None, int]:
-    """Return the command and the ticks of a step, of which `step(5)` gives the ticks alone.
+    """Return the command and the ticks of a step; `step(5)` gives the ticks alone.
 
     Args:
         command: a `Command`, a number of ticks, or None.
         ticks: of the clock.
-        who: is asked, for messages.
+        who: name of the step, for messages.
 
     Raises:
-        InputError: they are something else, or both are numbers.
+        InputError: a type is wrong, or both are numbers.
     """
     if command is not None and not isinstance(command, Command):
         if whole(ticks) != 1 or (number := whole(command)) is None:
@@ -159,7 +159,7 @@ def checked_step(command: Any, ticks: Any, who: str) -> tuple[Command | None, in
 
 
 def whole(value: Any) -> int | None:
-    """Return a value as a whole number; None where it is none: neither True nor 1.0 is."""
+    """Return a value as a whole number; None for other values, also for True and 1.0."""
     if isinstance(value, bool | np.bool_):
         return None
     try:
@@ -174,7 +174,7 @@ def over(values: Iterable[Value | None], others: Iterable[Value]) -> list[Value]
 
 
 def shown(value: Any) -> str:
-    """Return a value as a message shows it: in one line, not too long."""
+    """Return a value for messages: in one line, cut to a bounded length."""
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}... ({type(value).__name__})"
 

@@ -1,10 +1,5 @@
-"""Says at every tick or increment of a run what is asked of the robot, and measures the run for it.
-
-Where rigid bodies are, by name.
-
-Measures a run: what controllers see, and what `Simulation.measure` returns.
-
-How controllers move the flange besides the plan: twists of its reference, as motions of the joints.
+"""Base classes of command sources, which return the command of every tick or increment of a run, and the
+robot's state that they see.
 """
 
 from abc import ABC, abstractmethod
@@ -22,13 +17,13 @@ from cosim.plan.joint_path import JointReference
 @final
 @dataclass(frozen=True)
 class StepToTake:
-    """The tick or increment that is to be taken.
+    """The next tick or increment.
 
     Args:
-        phase: its index.
+        phase: index of its phase.
         done: steps of the phase at its end, at least one.
         begin_s: simulated time at its start.
-        length_s: of it.
+        length_s: its duration.
     """
 
     phase: int
@@ -40,7 +35,7 @@ class StepToTake:
 @final
 @dataclass(frozen=True)
 class RobotState:
-    """What of a run is seen besides the soft side, at the start of a step.
+    """State of the robot without the soft side, at the start of a step.
 
     Args:
         time_s: simulated time.
@@ -48,8 +43,8 @@ class RobotState:
         flange_twist: (6,) [m/s, rad/s], linear then angular, of its origin, world axes.
         joint_position: (joints,) [rad].
         joint_velocity: (joints,) [rad/s].
-        joint_torque: (joints,) [N m], that the servos gave in the last tick.
-        wrench: that the soft robot exerts on the flange, about its origin, world axes.
+        joint_torque: (joints,) [N m], of the servos in the last tick.
+        wrench: of the soft robot on the flange, about its origin, world axes.
         flange_jacobian: (6, joints), from joint speeds to the twist of the flange's origin, world axes.
         contact_force: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by name.
         body_pose: world from each rigid body, by name.
@@ -70,11 +65,11 @@ class RobotState:
 @final
 @dataclass(frozen=True)
 class CommandsAhead:
-    """What n ticks in a row ask for.
+    """Commands of n successive ticks.
 
     Args:
-        joints: what the servos follow, n rows.
-        soft: what the soft robot is asked for at the end of each; the same object where nothing changes.
+        joints: references of the servos, n rows.
+        soft: command to the soft robot at the end of each tick; the same object if nothing changes.
     """
 
     joints: JointReference
@@ -82,71 +77,75 @@ class CommandsAhead:
 
 
 class CommandSource(ABC):
-    """Asks things of the robot; a run knows nothing else of what it is to do."""
+    """Base class of command sources. A run gets all its commands from one source."""
 
     @abstractmethod
     def begin_phase(self, phase: int) -> None:
-        """Begin a phase, by its index; nothing moves at this instant."""
+        """Begin the phase with this index; commands do not change at this instant."""
 
     @abstractmethod
     def next(self, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
-        """Return what is asked for in a step, which is then taken.
+        """Return the command of the next step.
 
         Args:
-            step: that is to be taken.
-            see: looks at the robot as it is at the start of the step.
+            step: the next step.
+            see: returns the robot's state at the start of the step.
         """
 
     def ahead(self, phase: int, done: int, most: int | None = None) -> CommandsAhead | None:
-        """Return what a tick and some after it ask for; None where that depends on what happens in them.
+        """Return the commands of a tick and some after it; None if they depend on the state in these ticks.
 
         Args:
             phase: index of their phase.
             done: ticks of the phase at the end of the first.
-            most: ticks that are of use; None for as many as cost little.
+            most: largest number of ticks; None: as many as are computed at once.
         """
         return None
 
     @abstractmethod
     def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
-        """Return the tensions that a step asks for, as far as is known before it; for messages."""
+        """Return the commanded tensions of a step, as far as they are known before it; for messages."""
 
     def report(self, flange: Pose) -> ActuationReport | None:
-        """Return what devices do at present, seen from a flange, world_from_flange; None without any."""
+        """Return the present values of devices; None without any.
+
+        Args:
+            flange: world_from_flange.
+        """
         return None
 
     def parts(self) -> dict[str, Any]:
-        """Return what the next steps depend on, by name: objects that keep that in one attribute, `state`.
+        """Return the objects with a state, by name; each has its state in the attribute `state`.
 
-        A state is a frozen dataclass, which is replaced when it changes. The soft side is restored before it.
+        A state is a frozen dataclass, which is replaced when it changes. The soft side is restored first.
         """
         return {}
 
 
 class SteeredCommands(CommandSource):
-    """Can be commanded from outside, and knows what there is to measure of what it commands."""
+    """A command source that accepts live commands, and measures the run."""
 
     @abstractmethod
     def command(self, command: Command, ticks: int) -> None:
-        """Take up a command for the ticks to come.
+        """Set a live command for the coming ticks.
 
         Args:
-            command: see there.
-            ticks: within which its values are to be reached, at least one.
+            command: the command.
+            ticks: within which its values are reached, at least one.
 
         Raises:
-            InputError: it asks for what there is not, or what cannot be.
+            InputError: it names a device that does not exist, or a value that is not allowed.
             InstabilityError: a number is not finite.
         """
 
     @abstractmethod
     def measured(self, robot: RobotState, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
-        """Return what is measured of the run between two ticks.
+        """Return the measurement of the run between two ticks.
 
         Args:
-            robot: besides the soft side.
+            robot: state of the robot without the soft side.
             tension_N: (cables,) of the last tick.
-            sensors: names of those whose readings take the place of the truth.
+            sensors: names of sensors whose readings replace exact values.
 
         Raises:
             InputError: there is no such sensor.
@@ -156,20 +155,20 @@ class SteeredCommands(CommandSource):
     def sensed(
         self, see: Callable[[], RobotState], tension_N: Array, seed: int | None = None
     ) -> tuple[Array, Array]:
-        """Let the sensors read the run, once after every tick.
+        """Update the sensors, once after every tick.
 
         Returns:
-            Readings and truth, both (readings,); empty where there are no sensors.
+            Readings and exact values, both (readings,); empty without sensors.
 
         Args:
-            see: looks at the robot as it is.
+            see: returns the robot's present state.
             tension_N: (cables,) of the last tick.
-            seed: of the run, with which the sensors begin; None: they continue.
+            seed: of the run, with which the sensors restart; None: they continue.
         """
 
 
 class ChangedCommands(CommandSource):
-    """Changes what another source asks for; a subclass with a state adds itself to `parts`.
+    """Changes the commands of another source; a subclass with a state adds itself to `parts`.
 
     Args:
         given: the other source.
@@ -180,12 +179,12 @@ class ChangedCommands(CommandSource):
 
     @abstractmethod
     def changed(self, command: RobotCommand, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
-        """Return what is asked for in place of a command.
+        """Return the changed command.
 
         Args:
             command: of the other source.
-            step: that is to be taken.
-            see: looks at the robot as it is at the start of the step.
+            step: the next step.
+            see: returns the robot's state at the start of the step.
         """
 
     def begin_phase(self, phase: int) -> None:

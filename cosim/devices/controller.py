@@ -1,10 +1,6 @@
-"""What a controller sees, commands and is; its commands are checked and held between its samples.
-
-A controller is a frozen description; what it remembers is a state that goes in and comes out, so that a run
-can be saved and continued. It is asked at a fixed rate; its last command holds in between.
-
-Controllers that come with cosim close one loop with a law from an error to an output: on cables, from a
-measured quantity, or on the flange's motion, which leads the tip along a path.
+"""Base class of controllers, with the measurement that they receive and the command that they return. A
+controller is a frozen description; its state goes in and comes out of every call, so that a run can be saved
+and continued. It is called at a fixed rate, and its last command holds in between.
 """
 
 from abc import ABC, abstractmethod
@@ -24,34 +20,33 @@ class Measurement(Shown):
 
     Args:
         time_s: simulated time.
-        setpoint: of the phase for the controller that looks, in the unit of the controlled value; None:
-            nothing, or nobody does.
-        tip_wanted: (3,) [m], world, where the phase's tip path or tip target has the tip now; free components
-            are not numbers; None: nowhere, or no controller looks.
+        setpoint: of the phase for this controller, in the unit of the controlled value; None: no setpoint, or
+            no controller measures.
+        tip_wanted: (3,) [m], world, present target of the tip by the phase's tip path or target; free
+            components are NaN; None: no target, or no controller measures.
         tip_position: (3,) [m], world.
         tip_direction: (3,), unit normal of the tip ring, world.
-        tip_twist: (6,) [m/s, rad/s], linear then angular, of the tip ring's centre, world axes; how fast the
-            ring turns about its own normal is part of it.
+        tip_twist: (6,) [m/s, rad/s], linear then angular, of the tip ring about its centre, world axes, the
+            rotation about its normal included.
         bending_angle_rad: between the tip's direction and the flange's z axis.
         pressure_Pa: gauge pressure of each chamber.
         volume_m3: of each chamber.
-        gas_kg: sealed in each chamber; None where its pressure is given.
+        gas_kg: sealed gas in each chamber; None: its pressure is given.
         cable_tension_N: at the base end of each cable, by its name.
         cable_length_m: of each cable's route, by its name.
-        cable_unstretched_m: commanded length of each cable, by its name; while its tension is commanded, the
-            length by which it would be the same.
+        cable_unstretched_m: commanded length of each cable, by its name; if its tension is commanded, the
+            length that would give this tension.
         joint_position: (joints,) [rad].
         joint_velocity: (joints,) [rad/s].
-        joint_torque: (joints,) [N m], that the servos gave in the last tick; at rest, their holding torque.
+        joint_torque: (joints,) [N m], of the servos in the last tick; at rest, their holding torque.
         flange: world_from_flange.
         flange_twist: (6,) [m/s, rad/s], linear then angular, of the flange's origin, world axes.
-        flange_wrench: that soft robot and palm exert on the flange, about the flange's origin, world axes.
+        flange_wrench: of soft robot and palm on the flange, about the flange's origin, world axes.
         contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
             body's name; the floor is part of "world".
         body_pose: world from each rigid body, by its name.
-        limits: what does not go as commanded, in words: joints and speeds that a command asked for beyond
-            their bounds, torques that servos cannot exceed, gas whose command a phase has ended; empty where
-            all follow.
+        limits: text on commands that are not followed: joints and speeds beyond their limits, servos at
+            their torque limit, gas whose command a phase has ended; empty if all are followed.
         sensors: readings (n,) of the scenario's sensors, by name; see `Simulation.measure`.
     """
 
@@ -83,25 +78,26 @@ class Measurement(Shown):
 @final
 @dataclass(frozen=True)
 class Command:
-    """What a controller or `Simulation.step` asks for; a run makes a complete `RobotCommand` of it.
+    """Command of a controller or of `Simulation.step`; a run completes it to a `RobotCommand`.
 
-    What it leaves out, a controller leaves to the plan. `Simulation.step` leaves it as it was commanded last,
-    and to the plan where it never was; of `flange`, `flange_twist` and `joint_position` it takes one at most,
-    and a flange whose twist is commanded no more stands. The last five keys are of `Simulation.step` alone.
+    Values that a controller omits follow the plan. Values that `Simulation.step` omits keep their last
+    commanded value, or follow the plan if there is none. At most one of `flange`, `flange_twist` and
+    `joint_position` is allowed; if the twist is omitted in a later step, the flange stops. Only
+    `Simulation.step` accepts the last five keys.
 
     Args:
         cable_tension_N: by cable name.
         cable_length_m: unstretched length, by cable name; not for a cable whose tension is commanded.
         pump_pressure_Pa: setpoint, by pump name.
-        flange_twist: (6,) [m/s, rad/s], linear then angular, world axes: how the flange's reference moves
-            besides the plan, about its origin; None: it moves as planned, from where it has been moved to.
-        pressure_Pa: gauge, by chamber name; not where gas is sealed, nor beyond the tick in which it will be.
-        gas_kg: amount of gas, by name of a chamber in which it is sealed and no pump works; what comes in
-            has its temperature.
-        flange: world_from_flange; the joints go there evenly, on the branch they are on.
+        flange_twist: (6,) [m/s, rad/s], linear then angular, world axes: motion of the flange's reference in
+            addition to the plan, about its origin; None: no further motion.
+        pressure_Pa: gauge, by chamber name; not for a chamber that is sealed, or will be within the step.
+        gas_kg: amount of gas, by name of a sealed chamber without an active pump; added gas has the gas's
+            temperature.
+        flange: world_from_flange; the joints move there at constant speed, on their present branch.
         joint_position: (joints,) [rad].
-        joint_velocity: (joints,) [rad/s] of the joints as they arrive at `joint_position`, along a cubic from
-            their present speed, where no bound is in the way; None: they go there evenly.
+        joint_velocity: (joints,) [rad/s], speed of the joints on arrival at `joint_position`, along a cubic
+            from their present speed, if no limit prevents it; None: they move at constant speed.
     """
 
     cable_tension_N: Mapping[str, float] = field(default_factory=dict)
@@ -116,23 +112,23 @@ class Command:
 
 
 class Controller(ABC, Generic[State]):
-    """Decides what devices do. Subclasses are frozen; their state is a frozen dataclass, number or tuple."""
+    """Base class of controllers. Subclasses are frozen; a state is a frozen dataclass, number or tuple."""
 
     @abstractmethod
     def start(self, seen: Measurement) -> State:
-        """Return the state in which a phase begins that uses this controller after one that did not.
+        """Return the state at the start of a phase that uses this controller, after a phase that did not.
 
         Args:
-            seen: the measurement then.
+            seen: measurement at that time.
         """
 
     @abstractmethod
     def act(self, state: State, seen: Measurement) -> tuple[State, Command]:
-        """Return the state afterwards and the command that holds for the next period.
+        """Return the next state, and the command that holds for the next period.
 
         Args:
-            state: of the call before, or `start`.
-            seen: the measurement now.
+            state: of the previous call, or of `start`.
+            seen: present measurement.
         """
 
 

@@ -1,13 +1,5 @@
-"""What moves cables and gas through a run besides the ramps of the phases: controllers, winches, pumps.
-
-Makes devices and controllers from their tables.
-
-Says which devices a scenario models.
-
-Per tick, at the state before it: controllers that are due see the run and command; pumps work on the gas;
-winches turn. A scenario without any of these passes through untouched.
-
-The commands of a scenario: its phases, the gas in the chambers, and its devices and controllers.
+"""The loop of devices in a run. In each tick, from the state at its start, due controllers measure and
+command, pumps act on the gas, and winches turn. A scenario without devices is unchanged by it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,11 +35,11 @@ from cosim.soft.body.body import SoftBody
 @final
 @dataclass(frozen=True)
 class ActuationState:
-    """What the next tick depends on, besides drives, pumps and controllers.
+    """State of `Actuation` without drives, pumps and controllers.
 
     Args:
-        started: names of the controllers that have been asked in the present phase.
-        held: whether it drives cables that the scenario does not give it to drive.
+        started: names of the controllers that have been started in the present phase.
+        held: whether it drives cables because of a live command only.
     """
 
     started: tuple[str, ...] = ()
@@ -91,35 +83,44 @@ class Actuation:
             entry.name: "" if entry.kind == "python" else entry.measures for entry in scenario.controllers
         }
         self.state = ActuationState()
-        """What the next tick depends on, besides drives, pumps and controllers."""
+        """State without drives, pumps and controllers."""
         self._planned: PhasePlan | None = None
         self._orders: list[Order | None] = []
         self._setpoints: dict[str, float | None] = {}
         self._modelled = device_names(scenario) is not None
         self._looks_through = {entry.name: entry.sensors for entry in scenario.controllers}
         self.sensors: sensor.Sensors | None = None
-        """What controllers look through; whoever plans the run makes it."""
+        """Sensors, whose readings controllers get; set by `PlannedCommands`."""
         self.live: LiveOrders | None = None
-        """What is commanded from outside, in place of phases and controllers; whoever does sets it again."""
+        """Live commands, in place of those of phases and controllers; set in every tick."""
 
     @property
     def active(self) -> bool:
-        """Whether it drives anything: otherwise what is planned passes through untouched."""
+        """Whether there are devices; if not, planned commands are unchanged."""
         return self._modelled or self.state.held
 
     def parts(self) -> dict[str, Any]:
-        """Return what the next tick depends on, by name, see `CommandSource.parts`."""
+        """Return the objects with a state, by name, see `CommandSource.parts`."""
         controllers = list(self._holds.values())
         return {"cables": self.cables, "pumps": self.pumps, "controllers": controllers, "devices": self}
 
     def hold(self, tension_N: Sequence[float]) -> None:
-        """Drive cables from now on that nothing drove before, at these tensions."""
+        """Start driving cables for a live command, at these tensions.
+
+        Args:
+            tension_N: present tension of each cable.
+        """
         self.state = replace(self.state, held=True)
         for drive, tension in zip(self.cables, tension_N, strict=True):
             drive.state = drive.at_rest(tension)
 
     def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
-        """Take over what a phase asks; nothing moves at this instant."""
+        """Begin a phase; commands do not change at this instant.
+
+        Args:
+            planned: the phase.
+            soft: soft side in its present state.
+        """
         if not self.active:
             return
         self._take_over(planned)
@@ -141,17 +142,17 @@ class Actuation:
         see: Callable[[], RobotState],
         reached: tuple[int, float],
     ) -> tuple[float, ...] | None:
-        """Let controllers, pumps and winches act for one tick, from the state before it.
+        """Update controllers, pumps and winches for one tick, from the state at its start.
 
         Returns:
-            Twist of the flange that is commanded besides the plan, see `Command`; None for none.
+            Twist of the flange that controllers command, see `Command`; None for none.
 
         Args:
             planned: the phase.
             gas: in the chambers; pumps change it.
             soft: soft side.
-            see: looks at the rest of what controllers see.
-            reached: ticks of the phase at the end of the tick, and load factor of its ramp then.
+            see: returns the state of the rest of the robot.
+            reached: ticks of the phase, and load factor of its ramp, at the end of the tick.
         """
         if not self.active:
             return None
@@ -181,7 +182,7 @@ class Actuation:
         return twist
 
     def driven(self, planned: SoftCommand) -> SoftCommand:
-        """Return a command with the cables as they are driven."""
+        """Return a command with the tensions and lengths of the drives."""
         if not self.active:
             return planned
         tension = tuple(drive.given_tension_N for drive in self.cables)
@@ -190,7 +191,12 @@ class Actuation:
         return replace(planned, cable_tension_N=tension, cable_length_m=lengths, cable_stiffening=stiffening)
 
     def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
-        """Return what the devices do at present; None where there are none."""
+        """Return the present values of devices; None without any.
+
+        Args:
+            soft: soft side in its present state.
+            flange: world_from_flange.
+        """
         if not self.active:
             return None
         x = soft.state.positions
@@ -213,7 +219,7 @@ class Actuation:
         )
 
     def _take_over(self, planned: PhasePlan) -> None:
-        """Read what a phase asks: a run that continues from a saved state may ask something else."""
+        """Read the commands of a phase, if it is not the last one that was read."""
         if planned is not self._planned:
             self._planned, self._orders = planned, orders_of(planned, self._names)
             self._setpoints = planned.phase.acting()
@@ -250,7 +256,12 @@ class Actuation:
     def measured_cables(
         self, soft: SoftSide, tension_N: Sequence[float] | None = None
     ) -> dict[str, dict[str, float]]:
-        """Return those fields of a measurement that are by cable; `tension_N` where nothing drives them."""
+        """Return the fields of a measurement with values by cable.
+
+        Args:
+            soft: soft side in its present state.
+            tension_N: of each cable, for cables without active drives.
+        """
         given = None if self.active else tension_N
         return measured_cables(self._names, self.cables, soft.state.positions, given)
 

@@ -1,4 +1,4 @@
-"""What devices show of themselves in a snapshot."""
+"""Names of the devices and sensors of a run, and their values at the end of a tick."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -9,13 +9,13 @@ from cosim.base.frames import Array, IntArray, Shown
 @final
 @dataclass(frozen=True)
 class DeviceNames:
-    """Devices of a scenario, for whoever shows them.
+    """Names of a scenario's devices, for plots and results.
 
     Args:
         pumps: names.
-        controllers: name and what it measures; "" where cosim does not know.
-        lengths: whether cable lengths are commanded anywhere.
-        winches: whether any winch winds them.
+        controllers: name and measured quantity; "" for a controller in Python.
+        lengths: whether cable lengths are commanded in any phase.
+        winches: whether there are winches.
     """
 
     pumps: tuple[str, ...]
@@ -27,12 +27,12 @@ class DeviceNames:
 @final
 @dataclass(frozen=True)
 class SensorNames:
-    """A sensor, for whoever shows it.
+    """A sensor, for plots and results.
 
     Args:
-        name: of it.
+        name: of the sensor.
         unit: of its readings; "1" without one.
-        values: names of what it reads; one empty name where it reads a single number.
+        values: names of its values; one empty name for a single number.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""x"""
+"""Motors of winches, each with the cables that it winds by the same length."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cosim.devices.cable_drive import CableDrive
 from cosim.errors import InputError
 
 _ALIKE_STEPS: Final = 0.5
-"""By how much the lengths commanded of cables on one drum may differ, in steps."""
+"""Largest difference of commanded lengths of cables on one drum, in steps."""
 
 
 @final
@@ -21,7 +21,7 @@ class Drum:
     """One motor with the cables that it winds, all by the same length.
 
     Args:
-        winch: its kind.
+        winch: table of the winch.
         drives: of its cables.
     """
 
@@ -29,7 +29,7 @@ class Drum:
     drives: tuple[CableDrive, ...]
 
     def turn(self, positions: Array, step_s: float) -> None:
-        """Turn for one tick towards what its cables are commanded.
+        """Turn for one tick towards the commanded length of its cables.
 
         Args:
             positions: (n, 3) [m], at the start of the tick.
@@ -63,7 +63,7 @@ def drums_of(winches: Sequence[WinchTable], drives: Mapping[str, CableDrive]) ->
     """Return the motors of winches.
 
     Args:
-        winches: kinds.
+        winches: tables of the scenario.
         drives: of all cables, by name.
     """
     groups = (

@@ -1,4 +1,6 @@
-"""x"""
+"""Controllers that cosim includes: bang-bang and proportional-integral laws from an error to an output, loops
+that move cables with such a law, and a loop that moves the flange so that the tip follows its path.
+"""
 
 import math
 from abc import ABC, abstractmethod
@@ -11,15 +13,22 @@ import numpy as np
 from cosim.devices.controller import Command, Controller, Measurement
 from cosim.errors import InputError
 
+Quantity: TypeAlias = Literal["bending_angle_rad", "tip_height_m"]
+Output: TypeAlias = Literal["cable_tension_N", "cable_shortening_m"]
+MEASURE: Final[dict[str, Callable[[Measurement], float]]] = {
+    "bending_angle_rad": lambda seen: seen.bending_angle_rad,
+    "tip_height_m": lambda seen: float(seen.tip_position[2]),
+}
+
 
 @final
 @dataclass(frozen=True)
 class LawState:
-    """What a feedback law remembers.
+    """State of a feedback law.
 
     Args:
-        output: the last one.
-        integral: share of the output that has been integrated.
+        output: the last output.
+        integral: integral part of the output.
     """
 
     output: float
@@ -31,7 +40,7 @@ class FeedbackLaw(ABC):
 
     @abstractmethod
     def begin(self, output: float) -> LawState:
-        """Return the state of a law that takes over at a given output."""
+        """Return the state of a law that starts from a given output."""
 
     @abstractmethod
     def next(self, state: LawState, error: float) -> LawState:
@@ -110,22 +119,14 @@ def _limited(value: float, lowest: float, highest: float) -> float:
     return min(max(value, lowest), highest)
 
 
-Quantity: TypeAlias = Literal["bending_angle_rad", "tip_height_m"]
-Output: TypeAlias = Literal["cable_tension_N", "cable_shortening_m"]
-MEASURE: Final[dict[str, Callable[[Measurement], float]]] = {
-    "bending_angle_rad": lambda seen: seen.bending_angle_rad,
-    "tip_height_m": lambda seen: float(seen.tip_position[2]),
-}
-
-
 @final
 @dataclass(frozen=True)
 class LoopState:
-    """What a feedback loop remembers.
+    """State of a feedback loop.
 
     Args:
-        law: of its feedback law.
-        unstretched_m: length of each cable at zero shortening; empty where tensions are commanded.
+        law: state of its feedback law.
+        unstretched_m: length of each cable at zero shortening; empty if tensions are commanded.
     """
 
     law: LawState
@@ -135,13 +136,13 @@ class LoopState:
 @final
 @dataclass(frozen=True)
 class FeedbackLoop(Controller[LoopState]):
-    """Moves cables so that a quantity keeps to its setpoint; all of them get the same output.
+    """Moves cables so that a quantity stays at its setpoint; all of them get the same output.
 
     Args:
-        quantity: that is measured; a higher output is expected to raise it.
+        quantity: the measured quantity; a higher output must raise it.
         law: from its error to the output.
-        output: a tension, or how much shorter a cable is than it was at the start.
-        cables: names.
+        output: "cable_tension_N", or "cable_shortening_m": decrease of the length since the start.
+        cables: names of the cables.
     """
 
     quantity: Quantity
@@ -168,11 +169,10 @@ class FeedbackLoop(Controller[LoopState]):
 @final
 @dataclass(frozen=True)
 class TipFollower(Controller[tuple[float, ...]]):
-    """Moves the flange besides its plan, without turning it, so that the tip is where a phase has it.
+    """Translates the flange in addition to its plan, so that the tip is on the phase's path or target.
 
-    velocity = K_i e + K_p (e - e') / h: the flange is off its plan by K_p e plus the integral of K_i e.
-    e is where the phase has the tip less where it was measured; e' (3,) [m], the state, that of the sample
-    before.
+    velocity = K_i e + K_p (e - e') / h: the flange's offset is K_p e plus the integral of K_i e. e is the
+    tip's target minus its measured position; e' (3,) [m], the state, is that of the previous sample.
 
     Args:
         proportional_gain: K_p.
@@ -190,6 +190,6 @@ class TipFollower(Controller[tuple[float, ...]]):
     def act(self, state: tuple[float, ...], seen: Measurement) -> tuple[tuple[float, ...], Command]:
         if seen.tip_wanted is None:
             raise InputError("a tip follower needs a tip_path or tip_target in its phase; give it one")
-        error = np.nan_to_num(seen.tip_wanted - seen.tip_position)  # free components are left alone
+        error = np.nan_to_num(seen.tip_wanted - seen.tip_position)  # free components have no error
         velocity = self.integral_gain_per_s * error + self.proportional_gain * (error - state) / self.period_s
         return tuple(error.tolist()), Command(flange_twist=(*velocity.tolist(), 0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""x"""
+"""Moves the flange in addition to its plan: integrates commanded twists as motions of the joints."""
 
 from collections.abc import Callable
 from typing import Final, final
@@ -11,21 +11,21 @@ from cosim.errors import InputError
 from cosim.plan.joint_path import JointReference
 
 _SMALLEST: Final = 1e-2
-"""Of a Jacobian's singular values to its largest, below which no motion of the joints is asked for."""
+"""Singular values of the Jacobian below this fraction of the largest are left out."""
 _MISSED: Final = 1e-6
 
 
 @final
 class FlangeOffset:
-    """The joints' reference, moved off the plan; where nothing moves it further, it stays off.
+    """Offset of the joint references from the plan; it is constant while no twist is commanded.
 
     Args:
-        joints: how many.
+        joints: number of joints.
     """
 
     def __init__(self, joints: int) -> None:
         self.state: Array = np.zeros(joints)
-        """By how much it is off, (joints,) [rad]."""
+        """The offset (joints,) [rad]."""
 
     def moved(
         self,
@@ -34,16 +34,16 @@ class FlangeOffset:
         see: Callable[[], RobotState],
         step_s: float,
     ) -> JointReference:
-        """Return what the servos follow in a tick.
+        """Return the joint reference of a tick, and integrate the twist over the tick.
 
         Args:
-            planned: at its start.
-            twist: (6,) [m/s, rad/s] of the flange's origin, world axes, besides the plan; None for none.
-            see: looks at the robot as it is.
+            planned: reference at the start of the tick.
+            twist: (6,) [m/s, rad/s] of the flange's origin, world axes, added to the plan; None for none.
+            see: returns the robot's present state.
             step_s: length of the tick.
 
         Raises:
-            InputError: no motion of the joints moves the flange like that.
+            InputError: no motion of the joints gives this twist.
         """
         if twist is None:
             if not self.state.any():
@@ -56,14 +56,14 @@ class FlangeOffset:
 
 
 def joint_rate(jacobian: Array, twist: Array) -> Array:
-    """Return the smallest joint speeds (joints,) [rad/s] that move the flange by a twist.
+    """Return the smallest joint speeds (joints,) [rad/s] that give the flange a twist.
 
     Args:
         jacobian: (6, joints).
         twist: (6,) [m/s, rad/s].
 
     Raises:
-        InputError: there are none, or only with the arm near a singular configuration.
+        InputError: there are none, or the arm is near a singular configuration.
     """
     if not jacobian.shape[1]:
         raise InputError("the flange is commanded to move, but robot = 'none' has no joints to move it")

@@ -1,4 +1,4 @@
-"""x"""
+"""Measures a run: for controllers, and for `Simulation.measure`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, final
@@ -13,15 +13,18 @@ from cosim.devices.controller import Measurement
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.soft.elements.cable import stretch_at
 
+_FLAT: Final = 1e-6
+"""Determinant of the nodes' spread over its trace cubed (at most 1/27) below which they are in a line."""
+
 
 @final
 class BodyPoses(Mapping[str, Pose]):
-    """World from each of some rigid bodies, by name; a pose is made when it is asked for.
+    """Poses of rigid bodies, world from body, by name; a pose is computed on access.
 
     Args:
         names: (bodies,).
-        positions: (bodies, 3) [m].
-        quaternions: (bodies, 4), (w, x, y, z); nobody writes to either.
+        positions: (bodies, 3) [m], world; must not be changed.
+        quaternions: (bodies, 4), (w, x, y, z), world from body; must not be changed.
     """
 
     def __init__(self, names: tuple[str, ...], positions: Array, quaternions: Array) -> None:
@@ -41,7 +44,7 @@ class BodyPoses(Mapping[str, Pose]):
         return len(self._names)
 
     def __repr__(self) -> str:
-        """Return what a dictionary of the poses would."""
+        """Return the representation of a dictionary of the poses."""
         return repr(dict(self))
 
 
@@ -54,15 +57,15 @@ def measured(
     setpoint: float | None = None,
     limits: tuple[str, ...] = (),
 ) -> Measurement:
-    """Return what is measured of a run.
+    """Return the measurement of a run.
 
     Args:
-        soft: side, in its present state.
-        robot: the rest, at the same time.
+        soft: soft side in its present state.
+        robot: state of the rest of the robot at the same time.
         gas: in the chambers.
-        cables: those fields of a measurement that are by cable.
+        cables: fields of the measurement with values by cable, see `measured_cables`.
         setpoint: see `Measurement`.
-        limits: the same.
+        limits: see `Measurement`.
     """
     body, state = soft.body, soft.state
     contents = [gas.content(k) for k in range(len(soft.pressures_Pa))]
@@ -95,13 +98,13 @@ def measured(
 def measured_cables(
     names: Sequence[str], drives: Sequence[CableDrive], positions: Array, tension_N: Sequence[float] | None
 ) -> dict[str, dict[str, float]]:
-    """Return those fields of a measurement that are by cable.
+    """Return the fields of a measurement with values by cable.
 
     Args:
         names: of the cables.
-        drives: of each.
+        drives: of the cables.
         positions: (n, 3) [m].
-        tension_N: of each cable, where the drives do not drive them; None: they do.
+        tension_N: of each cable, if the drives are not active; None: that of the drives.
     """
     lengths = [drive.cable.length(positions) for drive in drives]
     if tension_N is None:
@@ -121,9 +124,9 @@ def bending_angle(tip_direction: Array, flange: Pose) -> float:
 
 
 def ring_twist(positions: Array, velocities: Array) -> Array:
-    """Return the twist (6,) [m/s, rad/s] about the centre of some nodes that is nearest to how they move.
+    """Return the twist (6,) [m/s, rad/s] about the centre of nodes that fits their velocities best.
 
-    With r from the centre, v = V + w x r in the least squares: sum (r.r 1 - r r^T) w = sum r x (v - V).
+    With r from the centre, v = V + w x r in least squares: sum (r.r 1 - r r^T) w = sum r x (v - V).
 
     Args:
         positions: (n, 3) [m].
@@ -137,9 +140,5 @@ def ring_twist(positions: Array, velocities: Array) -> Array:
     moment = np.array([yz - zy, zx - xz, xy - yx])
     if np.linalg.det(spread) > _FLAT * spread.trace() ** 3:
         return np.concatenate([linear, np.linalg.solve(spread, moment)])
-    # nodes in a line say nothing of turns about it
+    # nodes in a line do not determine the rotation about it
     return np.concatenate([linear, np.linalg.lstsq(spread, moment, rcond=1e-9)[0]])
-
-
-_FLAT: Final = 1e-6
-"""Of the determinant of nodes' spread to the cube of its trace, at most 1/27: below, they are in a line."""

@@ -1,4 +1,4 @@
-"""x"""
+"""Names of the devices of a scenario, and text on how they are modelled."""
 
 from cosim.config.schema.devices import WinchTable
 from cosim.config.schema.scenario import Scenario
@@ -7,7 +7,7 @@ from cosim.devices.device_report import DeviceNames
 
 
 def device_names(scenario: Scenario) -> DeviceNames | None:
-    """Return what of devices there is to show; None where nothing is."""
+    """Return the names of a scenario's devices; None without any."""
     lengths = any(phase.commands_lengths for phase in scenario.phases) or any(
         entry.kind == "python" or entry.commands == "cable_shortening_m" for entry in scenario.controllers
     )
@@ -22,7 +22,7 @@ def device_names(scenario: Scenario) -> DeviceNames | None:
 
 
 def device_report(scenario: Scenario) -> dict[str, str]:
-    """Return in words what is modelled of devices and sensors, by heading; empty without any."""
+    """Return text on the devices and sensors of a scenario, by heading; empty without any."""
     lines = {"Pumps": _pumps(scenario), "Cables": _cables(scenario), "Controllers": _controllers(scenario)}
     lines["Sensors"] = sensor.sensor_report(scenario)
     return {heading: text for heading, text in lines.items() if text}

@@ -1,4 +1,4 @@
-"""x"""
+"""Commands for single cables and pumps, from a phase or from live commands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias, final
 from cosim.plan.plan import PhasePlan
 
 Order: TypeAlias = tuple[Literal["tension", "length", "shortening"], float]
-"""What a phase asks of a cable, at the end of its ramp [N or m]."""
+"""Command to a cable: its kind, and its value at the end of a ramp [N or m]."""
 
 
 def _end(order: Order | None, begin: float) -> float:
@@ -21,7 +21,7 @@ def _end(order: Order | None, begin: float) -> float:
 @final
 @dataclass(frozen=True)
 class LiveOrders:
-    """What is commanded from outside; None: nothing is.
+    """Live commands to cables and pumps; None: not commanded.
 
     Args:
         cables: of each cable.
@@ -33,7 +33,12 @@ class LiveOrders:
 
 
 def orders_of(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
-    """Return what a phase asks of each cable."""
+    """Return the command of a phase to each cable; None: unchanged.
+
+    Args:
+        planned: the phase.
+        names: of all cables, in order.
+    """
     phase = planned.phase
     target = phase.tip_target
     if phase.cable_tension_N is not None or (target is not None and target.reach_with == "cables"):

@@ -1,4 +1,4 @@
-"""x"""
+"""The command source of a scenario: its phases, the gas in the chambers, devices and controllers."""
 
 from collections.abc import Callable
 from typing import Any, final
@@ -19,19 +19,19 @@ from cosim.plan.references import IncrementReferences, TickReferences
 
 @final
 class PlannedCommands(command_source.CommandSource):
-    """Asks for what a scenario plans, and what its devices and controllers make of it.
+    """Commands of a scenario's plan, with its devices and controllers.
 
     Args:
         scenario: checked.
-        plan: made from it.
-        soft: soft side, which devices act on and look at.
+        plan: of the scenario.
+        soft: soft side, whose state devices measure.
         actuation: devices.
     """
 
     gas: ChamberGas
-    """What is in the chambers."""
+    """The gas in the chambers."""
     actuation: Actuation
-    """Its devices."""
+    """Devices of the scenario."""
 
     def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
         self._plan, self._soft, self.actuation = plan, soft, actuation
@@ -60,9 +60,9 @@ class PlannedCommands(command_source.CommandSource):
         references, by_tick = self._of(phase), self.actuation.active or self.sensors or self.gas.holds_gas
         if by_tick or isinstance(references, IncrementReferences):
             return None
-        planned, (joints, shares) = references.planned, references.from_on(done, most)
+        planned, (joints, factors) = references.planned, references.from_on(done, most)
         begin, end, between = planned.begin, planned.end, self.gas.between
-        return CommandsAhead(joints, tuple([between(begin, end, share) for share in shares]))
+        return CommandsAhead(joints, tuple([between(begin, end, factor) for factor in factors]))
 
     def cable_tension_N(self, phase: int, done: int) -> tuple[float, ...]:
         references = self._of(phase)

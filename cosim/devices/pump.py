@@ -1,4 +1,10 @@
-"""x"""
+"""A pump that a pressure switch turns on and off, with a vent valve, on the gas of a chamber. The switch sees
+the gauge pressure of some ticks ago. With the setpoint r and the band b the pump switches on below r - b/2
+and off above r + b/2. The valve opens above r + v and closes below r; without v there is no valve. While on,
+the pump delivers q (1 - p / p_max) kg/s against the gauge pressure p (the usual linear characteristic of a
+diaphragm pump; q without p_max). At constant volume and temperature dp/dm = R T / V, so a step has the closed
+form p(t) = p_max - (p_max - p_0) exp(-q R T t / (V p_max)) at any length.
+"""
 
 from __future__ import annotations
 
@@ -13,26 +19,26 @@ from cosim.soft.elements.gas import SealedGas, leak
 @final
 @dataclass(frozen=True)
 class Pump:
-    """What a pump, its switch and its valve can do.
+    """A pump with its switch and its valve.
 
     Args:
         table: of the scenario.
-        delay_ticks: age of what the switch sees.
+        delay_ticks: age of the pressure that the switch sees.
     """
 
     table: PumpTable
     delay_ticks: int = 0
 
     def standing(self, pressure_Pa: float) -> PumpState:
-        """Return the state of a pump that is off beside a gauge pressure that has stood for long."""
+        """Return the state of a pump that is off, after a gauge pressure that has been constant."""
         return PumpState(DelayLine.filled(pressure_Pa, self.delay_ticks))
 
     def switched(self, state: PumpState, pressure_Pa: float, setpoint_Pa: float) -> PumpState:
-        """Return the state after the switch has taken in one more reading.
+        """Return the state after another reading of the switch.
 
         Args:
-            state: before.
-            pressure_Pa: gauge pressure now.
+            state: before the reading.
+            pressure_Pa: present gauge pressure.
             setpoint_Pa: r.
         """
         seen, sensor = state.sensor.passed(pressure_Pa)
@@ -46,13 +52,13 @@ class Pump:
     def worked(
         self, state: PumpState, gas: SealedGas, volume_m3: float, step_s: float
     ) -> tuple[PumpState, SealedGas]:
-        """Return state and gas after pump and valve have worked for a while as they are switched.
+        """Return state and gas after a time step with pump and valve as they are switched.
 
         Args:
-            state: says whether they are on.
-            gas: before.
+            state: with the switches.
+            gas: before the step.
             volume_m3: of the chamber.
-            step_s: time.
+            step_s: time step.
         """
         if state.venting:
             gas = leak(gas, volume_m3, self.table.vent_kg_s_Pa, step_s)
@@ -75,15 +81,15 @@ class Pump:
 @final
 @dataclass(frozen=True)
 class PumpState:
-    """Where a pump is.
+    """State of a pump.
 
     Args:
-        sensor: readings on their way to the switch [Pa].
+        sensor: readings that the switch has not seen yet [Pa].
         on: whether the pump runs.
         venting: whether the valve is open.
-        starts: how often it was switched on.
+        starts: number of times that it was switched on.
         delivered_kg: mass delivered so far.
-        on_s: time for which it ran.
+        on_s: time for which it has run.
     """
 
     sensor: DelayLine
@@ -97,7 +103,7 @@ class PumpState:
 @final
 @dataclass(frozen=True)
 class DelayLine:
-    """Values on their way, the oldest first.
+    """Delayed values, the oldest first.
 
     Args:
         waiting: one value per tick of the delay; none without delay.
@@ -107,11 +113,11 @@ class DelayLine:
 
     @classmethod
     def filled(cls, value: float, ticks: int) -> DelayLine:
-        """Return a line of a number of ticks in which a value has stood for long."""
+        """Return a line of a number of ticks that is filled with one value."""
         return cls((value,) * ticks)
 
     def passed(self, value: float) -> tuple[float, DelayLine]:
-        """Return what comes out when a value goes in, and the line afterwards."""
+        """Return the oldest value, and the line with a new value in its place at the end."""
         oldest, *waiting = (*self.waiting, value)
         return oldest, DelayLine(tuple(waiting))
 
@@ -119,11 +125,11 @@ class DelayLine:
 @final
 @dataclass(frozen=True)
 class PumpDriveState:
-    """Where a pump is in a run.
+    """State of a pump in a run.
 
     Args:
-        setpoint_Pa: of the present phase; None: it does not work.
-        pump: of the pump; None before it first works.
+        setpoint_Pa: of the present phase; None: the pump is inactive.
+        pump: state of the pump; None before it is first active.
     """
 
     setpoint_Pa: float | None = None
@@ -135,7 +141,7 @@ class PumpDrive:
     """One pump.
 
     Args:
-        pump: what it can do.
+        pump: its data.
         chamber: index of the chamber.
     """
 
@@ -148,27 +154,27 @@ class PumpDrive:
         """Begin a phase.
 
         Args:
-            setpoint_Pa: None: it does not work.
-            pressure_Pa: gauge, in the chamber at present.
+            setpoint_Pa: of the phase; None: the pump is inactive.
+            pressure_Pa: present gauge pressure in the chamber.
         """
         pump = self.state.pump
         if pump is None:
             pump = self.pump.standing(pressure_Pa)
         elif self.state.setpoint_Pa is None:
-            # the sensor has looked on all the time
+            # the sensor has measured while the pump was inactive
             pump = replace(pump, sensor=self.pump.standing(pressure_Pa).sensor)
         if setpoint_Pa is None:
             pump = replace(pump, on=False, venting=False)
         self.state = PumpDriveState(setpoint_Pa, pump)
 
     def work(self, gas: SealedGas, volume_m3: float, step_s: float, commanded_Pa: float | None) -> SealedGas:
-        """Return the gas after the pump has worked for a tick.
+        """Return the gas after a tick with the pump.
 
         Args:
-            gas: before.
+            gas: before the tick.
             volume_m3: of the chamber.
             step_s: length of the tick.
-            commanded_Pa: setpoint by a controller, in place of the phase's.
+            commanded_Pa: setpoint of a controller, in place of the phase's; None: that of the phase.
         """
         setpoint, pump = self.state.setpoint_Pa, self.state.pump
         if commanded_Pa is not None:

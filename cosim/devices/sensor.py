@@ -70,13 +70,13 @@ def _text(value: float | Sequence[float]) -> str:
 @final
 @dataclass(frozen=True)
 class SensorState:
-    """What the next readings of a sensor depend on.
+    """State of a sensor.
 
     Args:
-        ticks: since it began.
+        ticks: since its start.
         sample: (n,), the last one.
-        waiting: (delay, n), samples on their way, a row for each tick, the oldest first.
-        reading: (n,), what is seen.
+        waiting: (delay, n), delayed samples, a row for each tick, the oldest first.
+        reading: (n,), the present reading.
     """
 
     ticks: int
@@ -88,11 +88,11 @@ class SensorState:
 @final
 @dataclass(frozen=True)
 class SensorsState:
-    """What the next readings depend on.
+    """State of all sensors.
 
     Args:
-        seed: of the run, on top of those of the sensors.
-        sensors: of each; none before the first tick.
+        seed: of the run, in addition to those of the sensors.
+        sensors: state of each; none before the first tick.
     """
 
     seed: int = 0
@@ -106,7 +106,7 @@ class Sensor:
     Args:
         table: of the scenario.
         tick_s: length of a tick.
-        places: of what it reads among the values of the field, None for all.
+        places: indices of its values in the field of a measurement, None for all.
     """
 
     def __init__(self, table: SensorTable, tick_s: float, places: Sequence[int] | None) -> None:

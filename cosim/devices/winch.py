@@ -1,4 +1,11 @@
-"""x"""
+"""A stepper motor that winds a cable on a drum through a gear. A step winds l = step angle x drum radius /
+gear ratio. The driver counts the steps that it commands; the drum follows unless the cable pulls too hard.
+Steps that would raise the tension above the stall force F = stall torque x gear ratio / drum radius are lost,
+and a tension above F pulls the drum back by whole steps. The driver has no feedback, so the length stays
+wrong by the lost steps. Within a tick the eyelets count as fixed, and a step of l raises the tension by k l,
+with the cable's stiffness k: near stall the motor slows down to (F - T) / (k tick). For several cables on one
+drum, T and k are the sums of their tensions and stiffnesses.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +16,18 @@ from typing import Final, final
 from cosim.config.schema.devices import WinchTable
 
 _MOST_STEPS: Final = 2.0**53
-"""That whole numbers count; a winch that is asked for more winds for ever anyway."""
+"""Largest number of steps that a float represents exactly."""
 
 
 @final
 @dataclass(frozen=True)
 class WinchState:
-    """Where a winch is.
+    """State of a winch.
 
     Args:
         unwound_m: unstretched length of cable off the drum at count 0.
         commanded: the driver's count of steps, winding positive.
-        lost: steps of those that the drum did not follow, and steps by which it was dragged back.
+        lost: steps that the drum did not follow, and steps by which it was pulled back.
         budget: steps that the rate still allows.
     """
 
@@ -30,7 +37,7 @@ class WinchState:
     budget: float = 0.0
 
     def length_m(self, winch: WinchTable) -> float:
-        """Return the unstretched length of cable that is off the drum."""
+        """Return the unstretched length of cable off the drum."""
         return self.unwound_m - (self.commanded - self.lost) * winch.step_m
 
     def advanced(
@@ -39,9 +46,9 @@ class WinchState:
         """Return the state one tick later.
 
         Args:
-            winch: whose it is.
-            wanted_m: unstretched length to go to, as the driver counts; whole steps are taken.
-            tension_N: of the cable at the drum, before.
+            winch: table of the winch.
+            wanted_m: commanded unstretched length by the driver's count; rounded to whole steps.
+            tension_N: of the cable at the drum, at the start of the tick.
             stiffness_N_m: k, of the cable.
             step_s: length of the tick.
         """
@@ -56,6 +63,6 @@ class WinchState:
             self,
             commanded=self.commanded + steps,
             lost=self.lost + dragged + stuck,
-            # parts of a step add up from tick to tick, whole ones not taken do not
+            # fractions of a step accumulate over ticks, unused whole steps do not
             budget=min(budget - abs(steps), 1.0),
         )

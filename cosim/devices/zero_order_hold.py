@@ -1,4 +1,4 @@
-"""x"""
+"""Calls a controller at its rate, checks its commands, and holds them between two samples."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,12 +32,12 @@ class Held:
 @final
 @dataclass(frozen=True)
 class HoldState:
-    """Where a held controller is.
+    """State of a `ZeroOrderHold`.
 
     Args:
-        controller: the controller's own state; None before its first phase.
+        controller: state of the controller; None before its first phase.
         held: its last command, or None.
-        wait_ticks: until it is asked again.
+        wait_ticks: ticks until it is called again.
     """
 
     controller: Any = None
@@ -51,8 +51,8 @@ class ZeroOrderHold:
 
     Args:
         name: of the controller, for messages.
-        controller: what is asked.
-        period_ticks: between two questions, at least 1.
+        controller: that is called.
+        period_ticks: between two calls, at least 1.
         cables: names of all cables, in order.
         pumps: names of all pumps, in order.
     """
@@ -71,18 +71,18 @@ class ZeroOrderHold:
         """What the next tick depends on."""
 
     def start(self, seen: Measurement) -> None:
-        """Begin again: the next tick asks the controller."""
+        """Restart the controller; the next tick calls it."""
         self.state = HoldState(self.controller.start(seen))
 
     def tick(self, see: Callable[[], Measurement]) -> Held:
-        """Return what is commanded in the next tick.
+        """Return the command of the next tick.
 
         Args:
-            see: measures; called only when the controller is asked.
+            see: returns the measurement; called only if the controller is called.
 
         Raises:
-            InputError: it commands what does not exist or what no device can do.
-            InstabilityError: it commands a number that is not finite.
+            InputError: the command names a device that does not exist, or a value that is not allowed.
+            InstabilityError: the command has a number that is not finite.
         """
         state = self.state
         if state.wait_ticks > 0 and state.held is not None:

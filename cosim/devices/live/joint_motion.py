@@ -1,4 +1,6 @@
-"""x"""
+"""Motion of an arm's joints that live commands ask for: at constant speed or along a cubic, within the
+joints' limits.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from cosim.plan.arm_limits import ArmLimits
 
 _PIECE_RAD: Final = 0.01
-"""Of a joint's way, after which a twist is asked of the Jacobian where the arm is then."""
+"""Motion of a joint after which the Jacobian is computed again for a twist."""
 _MOST_PIECES: Final = 64
 _ROUNDING: Final = 1e-9
 
@@ -25,15 +27,14 @@ _ROUNDING: Final = 1e-9
 @final
 @dataclass(frozen=True)
 class JointMotion:
-    """What the servos follow from some tick on: evenly through knots, and then the last of them.
+    """Joint references from some tick on: linear between knots, and then the last knot.
 
     Args:
-        begin: ticks of the run before it begins.
-        ticks: that it takes, at least one.
+        begin: ticks of the run before the motion.
+        ticks: its duration, at least one.
         knots: (k, joints) [rad], evenly spaced in time, at least two.
-        limits: what it was cut down to, in words.
-        speed: (2, joints) [rad/s] at begin and end, with which it goes along a cubic from the first to the
-            last knot; None: it goes evenly.
+        limits: text on limits that changed the motion.
+        speed: (2, joints) [rad/s] at begin and end of a cubic from the first to the last knot; None: linear.
     """
 
     begin: int
@@ -43,11 +44,11 @@ class JointMotion:
     speed: Annotated[Array, (2, "joints")] | None = None
 
     def through(self, first: int, count: int, tick_s: float) -> joint_path.JointReference:
-        """Return what is asked at the starts of some ticks.
+        """Return the references at the starts of some ticks.
 
         Args:
             first: ticks of the run before the first of them.
-            count: of them.
+            count: number of ticks.
             tick_s: length of a tick [s].
         """
         pieces, knots, done = len(self.knots) - 1, self.knots, first - self.begin
@@ -63,7 +64,7 @@ class JointMotion:
         return joint_path.JointReference(begin + (way - place)[:, None] * step, speed, np.zeros(step.shape))
 
     def _along_cubic(self, done: IntArray, tick_s: float) -> joint_path.JointReference:
-        """Return the reference after some ticks (n,), by the cubic of Hermite; it rests after its end."""
+        """Return the references after ticks (n,) on the Hermite cubic; after its end they are at rest."""
         assert self.speed is not None, "asked of cubics"
         lasts_s = self.ticks * tick_s
         (here, there), (leaving, arriving) = self.knots, lasts_s * self.speed
@@ -75,7 +76,7 @@ class JointMotion:
         return joint_path.JointReference(place, speed, moves * (2.0 * square + 6.0 * u * cube) / lasts_s**2)
 
     def speed_at(self, tick: int, tick_s: float) -> Array:
-        """Return the speed (joints,) [rad/s] that the motion has after some ticks of the run."""
+        """Return the speed (joints,) [rad/s] after some ticks of the run."""
         if self.speed is not None and tick == self.begin + self.ticks:
             return self.speed[1]
         return self.through(tick, 1, tick_s).velocity[0]
@@ -84,12 +85,12 @@ class JointMotion:
 @final
 @dataclass(frozen=True)
 class Departure:
-    """Where the joints are when they are commanded, and how long they are given.
+    """Start of a commanded joint motion, and its duration.
 
     Args:
-        here: (joints,) [rad].
-        begin: ticks of the run before the motion begins.
-        ticks: that it is to take.
+        here: (joints,) [rad], present references.
+        begin: ticks of the run before the motion.
+        ticks: commanded duration.
         limits: of the joints.
         tick_s: length of a tick [s].
     """
@@ -101,12 +102,12 @@ class Departure:
     tick_s: float
 
     def towards(self, joints: Array, speeds: Array | None = None) -> JointMotion:
-        """Return the motion to joint positions; it takes longer than asked for where a joint is not as fast.
+        """Return the motion to joint positions; it takes longer than commanded if a joint is not fast enough.
 
         Args:
-            joints: (joints,) [rad], wanted; cut down to their bounds.
-            speeds: (2, joints) [rad/s] at begin and end, without effect where a bound is in the way; None: it
-                goes evenly.
+            joints: (joints,) [rad], targets; limited to their range.
+            speeds: (2, joints) [rad/s] at begin and end, without effect if a limit changes the motion; None:
+                constant speed.
         """
         limits, ticks = self.limits, self.ticks
         wanted = np.clip(joints, limits.lower, limits.upper)
@@ -123,28 +124,30 @@ class Departure:
         return JointMotion(self.begin, ticks, knots, tuple(words), None if words else speeds)
 
     def to_pose(self, arm: Arm, pose: Pose) -> JointMotion:
-        """Return the motion to a pose of the flange, straight in the space of the joints.
+        """Return the motion to a pose of the flange, linear in the joint angles.
 
         Args:
-            arm: kinematics.
+            arm: of Pinocchio.
             pose: world_from_flange.
 
         Raises:
             UnreachableError: no configuration of the joints reaches it.
         """
-        from cosim.kinematics.inverse_kinematics import solve  # here: see above
+        from cosim.kinematics.inverse_kinematics import (
+            solve,  # imported here so that no arm means no Pinocchio
+        )
 
         return self.towards(solve(arm, pose, self.here, candidates=1).q)
 
     def along(self, arm: Arm, twist: Array) -> JointMotion:
-        """Return the motion with a twist of the flange, slower where a joint is not as fast, up to its bound.
+        """Return the motion with a twist of the flange; slower for a joint at its speed limit.
 
         Args:
-            arm: kinematics.
+            arm: of Pinocchio.
             twist: (6,) [m/s, rad/s] of the flange's origin, world axes.
 
         Raises:
-            InputError: no motion of the joints moves the flange like that.
+            InputError: no motion of the joints gives this twist.
         """
         limits, lasts_s = self.limits, self.ticks * self.tick_s
         first = flange_offset.joint_rate(arm.jacobian(self.here), twist)

@@ -1,9 +1,6 @@
-"""Commands from outside, step by step: what `Simulation.step` is given changes what is planned.
-
-How commands from outside move the reference of an arm's joints: evenly, within their bounds.
-
-A value that is commanded is reached evenly within the ticks of its step, as far as devices are as fast, and
-held then; what no command has named goes as planned.
+"""Live commands of `Simulation.step`, which change the planned ones. A commanded value is reached linearly
+within the ticks of its step, if devices are fast enough, and then held. Values that no command has named
+follow the plan.
 """
 
 from __future__ import annotations
@@ -21,7 +18,7 @@ from cosim.devices import command_source, device_report, planned_commands
 from cosim.devices.command_checks import over
 from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake
 from cosim.devices.controller import Command, Measurement
-from cosim.devices.live import live_values
+from cosim.devices.live import gas_orders, live_bounds, live_values
 from cosim.devices.live.joint_motion import Departure, JointMotion
 from cosim.devices.measurement import measured
 from cosim.plan import commands
@@ -33,21 +30,21 @@ if TYPE_CHECKING:
 _AT_BOUND: Final = 1.0 - 1e-6
 _NONE: Final = np.zeros(0)
 _HELD_TICKS: Final = 256
-"""That are asked for at once where nothing changes any more."""
+"""Number of ticks computed at once if the commands are constant."""
 
 
 @final
 @dataclass(frozen=True)
 class LiveState:
-    """What has been commanded so far.
+    """Present live commands.
 
     Args:
         begin_tick: ticks of the run before the last command.
         ticks: over which its values are reached.
         begin: values at its start.
-        end: values then.
-        joints: how the joints go; None: as planned.
-        ended: what of it a phase has ended since, in words.
+        end: values at its end.
+        joints: commanded motion of the joints; None: planned motion.
+        ended: text on commands that a phase has ended.
     """
 
     begin_tick: int
@@ -65,10 +62,10 @@ class LiveState:
 @final
 @dataclass(frozen=True)
 class LiveCommandsState:
-    """What the next commands depend on, besides the source that is changed.
+    """State of `LiveCommands` without that of the changed source.
 
     Args:
-        live: what has been commanded so far; None: nothing.
+        live: present live commands; None: none.
     """
 
     live: LiveState | None
@@ -76,14 +73,14 @@ class LiveCommandsState:
 
 @final
 class LiveCommands(command_source.SteeredCommands):
-    """Changes what is planned by what is commanded from outside.
+    """Changes planned commands by live commands.
 
     Args:
-        given: says what is planned.
-        planned: the source among it that knows gas and devices.
+        given: source of the planned commands.
+        planned: the part of that source with gas and devices.
         scenario: checked.
-        soft: side.
-        bounds: of commands.
+        soft: soft side.
+        bounds: of live commands.
     """
 
     def __init__(
@@ -92,18 +89,18 @@ class LiveCommands(command_source.SteeredCommands):
         planned: planned_commands.PlannedCommands,
         scenario: Scenario,
         soft: SoftSide,
-        bounds: live_values.LiveBounds,
+        bounds: live_bounds.LiveBounds,
     ) -> None:
         self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds
         self._gas, self._actuation, self._sensors = planned.gas, planned.actuation, planned.sensors
         self._tick_s = scenario.clock.tick_s
-        self._gas_orders = live_values.GasOrders.of(scenario)
+        self._gas_orders = gas_orders.GasOrders.of(scenario)
         self._before = self._gas_orders.before
         wound = {name for winch in scenario.winches for name in winch.cables}
         self._wound = [name in wound for name in scenario.soft_robot.cable_names()]
         self._state: LiveState | None = None
         self._none = live_values.LiveValues.of(Command(), scenario, live_values.WHO)
-        # of a command: what waits for the first tick that it is for
+        # parts of a command that wait for its first tick
         self._new: tuple[live_values.LiveValues, int] | None = None
         self._motion: tuple[Command, int] | None = None
 
@@ -176,7 +173,7 @@ class LiveCommands(command_source.SteeredCommands):
 
     @property
     def state(self) -> LiveCommandsState:
-        """What the next commands depend on, besides the source that is changed."""
+        """State without that of the changed source."""
         return LiveCommandsState(self._state)
 
     @state.setter
@@ -188,7 +185,7 @@ class LiveCommands(command_source.SteeredCommands):
         return {**self._given.parts(), "live": self}
 
     def _begin_values(self, phase: int, done: int) -> None:
-        """Take up what a command asks for, at the first tick that it is for."""
+        """Apply the values of a new command, in its first tick."""
         if self._new is None:
             return
         (new, ticks), self._new = self._new, None
@@ -204,12 +201,12 @@ class LiveCommands(command_source.SteeredCommands):
             end = replace(end, cable_tension_N=tuple(held))
         end = self._gas_orders.pumped_by(new, end).followed_by(new)
         begin = now.beginning(end, none)
-        if not begin.reaches(end):  # what nobody has commanded yet goes on from what is there
+        if not begin.reaches(end):  # values without a command start from the present ones
             begin = now.beginning(end, self._present(self._given.cable_tension_N(phase, done)))
         self._state = LiveState(tick, ticks, begin, end, None if before is None else before.joints)
 
     def _present(self, tension_N: tuple[float, ...]) -> live_values.LiveValues:
-        """Return what there is at present of all that can be commanded."""
+        """Return the present values of everything that can be commanded."""
         soft = self._soft
         contents = [self._gas.content(k) for k in range(len(soft.pressures_Pa))]
         cables = self._actuation.measured_cables(soft, tension_N)
@@ -222,7 +219,7 @@ class LiveCommands(command_source.SteeredCommands):
         )
 
     def _joints(self, tick: int, here: Array) -> JointMotion | None:
-        """Return how the joints go, from `here` (joints,) [rad] on where a command is new."""
+        """Return the commanded motion of the joints; a new command starts from `here` (joints,) [rad]."""
         state = self._state
         if state is None or self._motion is None:
             return None if state is None else state.joints
@@ -255,7 +252,7 @@ class LiveCommands(command_source.SteeredCommands):
     def _changed_all(
         self, planned: tuple[commands.SoftCommand, ...], tick: int
     ) -> tuple[commands.SoftCommand, ...]:
-        """Return what is asked for in ticks from one on; the same object where nothing changes."""
+        """Return the changed commands of successive ticks; the same object if nothing changes."""
         assert self._state is not None
         found: list[commands.SoftCommand] = []
         last: tuple[commands.SoftCommand, live_values.LiveValues] | None = None
@@ -275,7 +272,7 @@ class LiveCommands(command_source.SteeredCommands):
         )
 
     def _limits(self, torque: Array) -> tuple[str, ...]:
-        """Return at what the arm is held, in words, with torques (joints,) [N m]."""
+        """Return text on limits that the arm has reached, at servo torques (joints,) [N m]."""
         state, limits = self._state, self._bounds.limits
         words = () if state is None else state.ended
         if limits is None:
@@ -284,7 +281,7 @@ class LiveCommands(command_source.SteeredCommands):
             words += state.joints.limits
         full = np.flatnonzero(np.abs(torque) >= _AT_BOUND * limits.torque)
         return words + tuple(
-            f"torque of {limits.joint_names[k]}: its servo gives all it has, {limits.torque[k]:.4g} "
+            f"torque of {limits.joint_names[k]}: its servo is at its limit, {limits.torque[k]:.4g} "
             f"{'N' if limits.prismatic[k] else 'N m'}"
             for k in full
         )

@@ -29,6 +29,12 @@ _CONNECT_s: Final = 5.0
 _CHUNK: Final = 65536
 _SHOWN: Final = 80
 _KINDS: Final = "rtde:HOST[:PORT], tcp:HOST:PORT, file:PATH (a serial line too), or - for standard input"
+_KEYS: Final = ("time_s", "joint_position", "pressure_Pa", "cable_tension_N")
+_VERSION, _OUTPUTS, _START, _DATA = b"VOSU"
+_FIELDS: Final = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
+_ROW: Final = struct.Struct(">B7d")
+_SENT: Final = b"VvMUOISP"
+"""Kinds of packages that a controller sends."""
 
 
 @final
@@ -49,9 +55,6 @@ class Reading:
     pressure_Pa: Mapping[str, float] = field(default_factory=dict)
     cable_tension_N: Mapping[str, float] = field(default_factory=dict)
     arrived_s: float = field(default_factory=time.perf_counter)
-
-
-_KEYS: Final = ("time_s", "joint_position", "pressure_Pa", "cable_tension_N")
 
 
 class Stream(ABC):
@@ -163,13 +166,6 @@ def _values(found: Any) -> dict[str, Any]:
         except OverflowError:
             raise ValueError("time_s is beyond the largest number, 1.8e308") from None
     return given
-
-
-_VERSION, _OUTPUTS, _START, _DATA = b"VOSU"
-_FIELDS: Final = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
-_ROW: Final = struct.Struct(">B7d")
-_SENT: Final = b"VvMUOISP"
-"""Kinds of packages that a controller sends."""
 
 
 @final
