@@ -54,6 +54,7 @@ _MARGIN_M, _MARGIN_AT_REST_M = 4e-3, 0.5e-3
 """A larger margin makes the list longer, a smaller one ends it sooner. States at rest are often far apart."""
 _MOTION_M: Final = 0.3e-3  # a larger one makes the short list longer, a smaller one ends it sooner
 _FURTHER_M: Final = 0.1e-3  # added to the distance for which a short list is made
+_TOO_FAR_M: Final = 1e-3  # a short list for so much more than is asked for, such as one of statics, is made again
 _SEEN, _LISTED = 1, 2  # of a triangle: measured, in the short list
 
 
@@ -285,6 +286,7 @@ def shorten_list(
         short.used[t] = 0
     for p in range(rows.nodes.shape[0]):
         short.first[p], begin, end = count, long.first[long.place[p]], long.first[long.place[p] + 1]
+        nearest = np.inf
         if begin == end:
             continue
         triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], place)
@@ -301,11 +303,14 @@ def shorten_list(
                 measure_side(x, rows.triangles[t], sides[t])
                 _fill_lowest(sides[t], lowest[t])
             if least_weight(sides[t], px, py, pz) >= lowest[t, 4] + lowest[t, 5] * abs(d):
-                short.used[t] = _LISTED
                 add_ascending(short, p, t, count)
-                count += 1
+                count, nearest = count + 1, min(nearest, d)
+        if nearest > reach + across:  # triangles further in front count only where one is nearer or behind
+            count = short.first[p]
         if count > short.first[p]:
             short.points[points], points = p, points + 1
+        for entry in range(short.first[p], count):
+            short.used[short.listed[entry]] = _LISTED
     short.first[rows.nodes.shape[0]], used = count, 0
     for t in range(sides.shape[0]):
         if short.used[t] == _LISTED:
@@ -429,7 +434,7 @@ class FilmLists:
 
     def _serves(self, x: Array, reach: float, behind: float) -> bool:
         """Return whether the short list is valid, if need be made of the long one."""
-        within = reach <= self._short_m[0] and behind <= self._short_m[1]
+        within = reach <= self._short_m[0] <= reach + _TOO_FAR_M and behind <= self._short_m[1]
         if within and unchecked(units_stay)(x, self.units, self.short, 0.0):
             measure_sides(x, self.rows.triangles, self._short.used, self._entries[1], self._short.sides)
             return True

@@ -30,7 +30,6 @@ class ShortList(NamedTuple):
         points: (p,), first those that have an entry.
         used: (t,), first the triangles that have one.
         sides: (t, 13), see `measure_side`, of these.
-        areas: (t, 3) [m^2], twice the outward area of each triangle; scratch.
     """
 
     first: Indices
@@ -38,14 +37,13 @@ class ShortList(NamedTuple):
     points: Indices
     used: Indices
     sides: Matrix
-    areas: Matrix
 
     @classmethod
     def room(cls, points: int, triangles: int) -> "ShortList":
         """Return an empty list of so many points and triangles."""
         first, listed = np.zeros(points + 1, np.int64), np.empty(0, np.int64)
         used = np.zeros(points, np.int64), np.zeros(triangles, np.int64)
-        return cls(first, listed, *used, np.empty((triangles, 13)), np.empty((triangles, 3)))
+        return cls(first, listed, *used, np.empty((triangles, 13)))
 
 
 @device_function
@@ -74,27 +72,32 @@ def measure_sides(x: Matrix, triangles: IndexTable, used: Indices, count: int, s
 
 
 @device_function
-def _fill_areas(x: Matrix, triangles: IndexTable, areas: Matrix) -> None:
-    """Fill twice the outward areas of all triangles."""
-    for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
-        vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
-        areas[t, 0], areas[t, 1], areas[t, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-
-
-@device_function
-def _fill_outward(rows: FilmRows, areas: Matrix, p: int, outward: Vector) -> None:
-    """Fill a point's outer normal, of unit length."""
+def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
+    """Fill a point's outer normal, of unit length: the mean of the triangles around it, by their areas."""
     square = 0.0
     outward[:] = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
-        for r in range(3):
-            outward[r] += areas[rows.around[k], r]
+        corners = rows.triangles[rows.around[k]]
+        a, b, c = corners[0], corners[1], corners[2]
+        ux, uy, uz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        vx, vy, vz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+        outward[0], outward[1] = outward[0] + uy * vz - uz * vy, outward[1] + uz * vx - ux * vz
+        outward[2] += ux * vy - uy * vx
     for r in range(3):
         square += outward[r] * outward[r]
     for r in range(3):
         outward[r] /= np.sqrt(square)
+
+
+@device_function
+def _nearest(short: ShortList, p: int, behind: float, px: float, py: float, pz: float) -> float:
+    """Return a point's least distance from the planes of its triangles, of those not too far in front of it."""
+    least = np.inf
+    for entry in range(short.first[p], short.first[p + 1]):
+        d = over_plane(short.sides[short.listed[entry]], px, py, pz)
+        if d >= -behind:
+            least = min(least, d)
+    return least
 
 
 @inlined
@@ -119,6 +122,8 @@ def _choose(
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
     spare = rows.spare[p]
+    if not _nearest(short, p, behind, px, py, pz) + spare < reach:  # as of most points
+        return near
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
         d = over_plane(sides[t], px, py, pz)
@@ -128,7 +133,7 @@ def _choose(
         if valley and d + spare > reach:
             continue
         if not known:
-            _fill_outward(rows, short.areas, p, outward)
+            _fill_outward(x, rows, p, outward)
             known = True
         cosine = outward[0] * sides[t, 3] + outward[1] * sides[t, 4] + outward[2] * sides[t, 5]
         facing = cosine < (_FACING_VALLEY if valley else _FACING_APART)
@@ -168,8 +173,6 @@ def fill_over(
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     chosen, units = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     room, count, reach = (best, distance, chosen, units), 0, bounds[0]
-    if points > 0:
-        _fill_areas(x, rows.triangles, short.areas)
     for k in range(points):
         p = short.points[k]
         near, begin = _choose(x, rows, short, p, bounds, room), count

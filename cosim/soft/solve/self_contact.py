@@ -27,7 +27,7 @@ from cosim.soft.contact.self_contact_search import BEHIND_M
 from cosim.soft.contact.triangle_foot import feet, fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.solve.state import SoftState
 
-_STEP_REACH_M = 1e-3  # looked ahead besides what the film moves in a step
+_STEP_REACH_M = 0.25e-3  # for what a film at rest moves in the step in which it is set in motion
 AHEAD_STEPS: Final = 2.0
 """How many steps' way of the fastest node, against the others, films look ahead."""
 THROUGH_M: Final = 1.5e-3
@@ -306,7 +306,9 @@ class SelfContact:
                 hits = lists.over(x, reach_m, BEHIND_M, room_m, moves=True)
                 if len(hits):
                     found.append(hits + shift)
-        count = fill_before_face(x, self._face, reach_m, BEHIND_M, self._before_face)
+        count = unchecked(fill_before_face)(x, self._face, reach_m, BEHIND_M, self._before_face)
         if count:
             found.append(self._before_face[:count, None] + self._first[1])
+        if len(found) == 1:
+            return found[0]
         return np.concatenate(found) if found else np.zeros((0, 2), np.int64)
