@@ -54,7 +54,7 @@ _MARGIN_M, _MARGIN_AT_REST_M = 4e-3, 0.5e-3
 """A larger margin makes the list longer, a smaller one ends it sooner. States at rest are often far apart."""
 _MOTION_M: Final = 0.3e-3  # a larger one makes the short list longer, a smaller one ends it sooner
 _FURTHER_M: Final = 0.1e-3  # added to the distance for which a short list is made
-_TOO_FAR_M: Final = 1e-3  # a short list for so much more than is asked for, such as one of statics, is made again
+_TOO_FAR_M: Final = 1e-3  # a short list that reaches so much further than is asked for is made again
 _SEEN, _LISTED = 1, 2  # of a triangle: measured, in the short list
 
 

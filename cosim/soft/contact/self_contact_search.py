@@ -91,7 +91,7 @@ def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
 
 @device_function
 def _nearest(short: ShortList, p: int, behind: float, px: float, py: float, pz: float) -> float:
-    """Return a point's least distance from the planes of its triangles, of those not too far in front of it."""
+    """Return a point's least distance from the planes of its triangles, at most `behind` them."""
     least = np.inf
     for entry in range(short.first[p], short.first[p + 1]):
         d = over_plane(short.sides[short.listed[entry]], px, py, pz)
