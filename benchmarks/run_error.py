@@ -30,31 +30,30 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from cosim.app.driver import build_simulation
-from cosim.base.kept_parts import KeptParts
-from cosim.build.soft_model import SoftModel
-from cosim.config.loading import load_scenario
-from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.finer_mesh import FinerMesh
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
-from cosim.errors import CosimError, UnreachableError
-from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.tip_target import TipTarget
-from cosim.stepping.run_error import (
+from cosim.bars.calibration import (
     DRAWN,
     FIGURES,
     GRADED,
     TICK_FACTOR,
     Calibration,
-    ErrorFinder,
-    PhaseEnd,
     apart,
-    at_rest,
     calibration_of,
-    differences,
-    shape_figures,
     tension_apart,
     tension_difference,
 )
+from cosim.bars.finer_mesh import FinerMesh
+from cosim.bars.resting import at_rest
+from cosim.bars.study import differences, find_bars, shape_figures
+from cosim.base.kept_parts import KeptParts
+from cosim.build.soft_model import SoftModel
+from cosim.config.loading import load_scenario
+from cosim.config.schema.scenario import Scenario
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.errors import CosimError, UnreachableError
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.tip_target import TipTarget
+from cosim.telemetry.phase_ends import PhaseEnd, PhaseEnds
+from cosim.telemetry.summary import SummaryBuilder
 
 DRAWS = {
     "shipped": (71, 26), "wide": (2611, 20), "wide_too": (4711, 20), "wide_three": (8128, 20),
@@ -161,13 +160,14 @@ def loaded(case: Case, **more: Any) -> Scenario:
         return load_scenario(path, case.overrides | more)
 
 
-def stepped(scenario: Scenario) -> ErrorFinder:
-    """Return what has seen the phase ends of a run."""
+def stepped(scenario: Scenario) -> tuple[SoftArm, PhaseEnds]:
+    """Return the soft robot of a run, and what is kept of its phase ends."""
     run = build_simulation(scenario)
-    assert isinstance(run.errors, ErrorFinder)
+    kept = SummaryBuilder(run.stage, 0.0, "")
     for batch in run.batches():
-        run.errors.observe(batch)
-    return run.errors
+        kept.observe(batch)
+    assert isinstance(run.soft, SoftArm), "no section model is drawn"
+    return run.soft, kept.state.ends
 
 
 def film_of(end: PhaseEnd) -> SoftArmState:
@@ -193,9 +193,7 @@ class Meshes:
 
     def at_rest(self, end: PhaseEnd) -> Found:
         """Return the state at rest at the end of a phase on each."""
-        state = film_of(end)
-        self.run.full_state = state
-        return self.near(at_rest(self.run, state))
+        return self.near(at_rest(self.run, film_of(end)))
 
     def near(self, rest: Equilibrium) -> Found:
         """Return a state at rest of the run's mesh with those near it on the others."""
@@ -207,18 +205,18 @@ class Meshes:
 def states(case: Case) -> Iterator[dict[str, Any]]:
     """Yield a row for each phase end: bars and true errors, by figure."""
     scenario = loaded(case)
-    run = stepped(scenario)
+    side, kept = stepped(scenario)
     began = time.process_time()
-    bars = run.find(0, lambda text: None, everywhere=True).phases
+    bars = find_bars(scenario, kept, lambda text: None, everywhere=True).phases
     spent_s = time.process_time() - began
-    shapes = [film_of(end).soft.positions for end in run.ends]
+    shapes = [film_of(end).soft.positions for end in kept.ends]
     finer, beyond = shapes, [""] * len(shapes)
     if scenario.mode == "dynamic":
-        quarter = stepped(loaded(case, **{"clock.tick_s": scenario.clock.tick_s / 4.0}))
+        _, quarter = stepped(loaded(case, **{"clock.tick_s": scenario.clock.tick_s / 4.0}))
         finer = [film_of(end).soft.positions for end in quarter.ends]
-        beyond = [_elsewhere(quarter.ends[: end.phase + 1]) for end in run.ends]
-    meshes = Meshes.of(scenario, run.side)
-    for end, shape, closer, why_not in zip(run.ends, shapes, finer, beyond, strict=True):
+        beyond = [_elsewhere(quarter.ends[: end.phase + 1]) for end in kept.ends]
+    meshes = Meshes.of(scenario, side)
+    for end, shape, closer, why_not in zip(kept.ends, shapes, finer, beyond, strict=True):
         row: dict[str, Any] = {
             "case": case.number, "phase": end.phase, "mode": scenario.mode,
             "overrides": case.overrides, "spent_s": spent_s,
@@ -229,12 +227,12 @@ def states(case: Case) -> Iterator[dict[str, Any]]:
             with suppress(CosimError):  # without a truth nothing is compared
                 found = meshes.at_rest(end)
                 row |= _true(found, end, shape, closer)
-                if end.phase == 0 and run.side.body.cables:
+                if end.phase == 0 and side.body.cables:
                     row["tensions"] = _tensions(meshes, found[0][1], case.rise_m)
         yield row
 
 
-def _elsewhere(ends: list[PhaseEnd]) -> str:
+def _elsewhere(ends: Sequence[PhaseEnd]) -> str:
     """Return why a run with other ticks may be on another branch at the last of some phase ends."""
     branched = [end.why_not for end in ends if "branches" in end.why_not or "snaps" in end.why_not]
     return branched[0] if branched else ends[-1].why_not

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cosim.app.driver import Observer as Observer
     from cosim.app.ended_run import load_run as load_run
     from cosim.app.ended_run import picture as picture
+    from cosim.app.error_bars import error_bars as error_bars
     from cosim.app.motion import plan_path as plan_path
     from cosim.app.motion import replay as replay
     from cosim.app.motion import run_path as run_path
@@ -71,6 +72,7 @@ _NAMES = {
     "cosim.app.attach": "Attached attach",
     "cosim.app.driver": "Observer",
     "cosim.app.ended_run": "load_run picture",
+    "cosim.app.error_bars": "error_bars",
     "cosim.app.motion": "plan_path replay run_path",
     "cosim.app.payload": "payload_torque",
     "cosim.app.progress": "ProgressBar",

@@ -11,18 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.bars import study
 from cosim.base.compilation import compile_modules
 from cosim.base.frames import Pose, Twist, Wrench
+from cosim.base.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.beam_rings import StiffenerStrain
-from cosim.stepping.run_error import ErrorFinder
 from cosim.telemetry.snapshot import FilmShape, RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.compiled import all_modules
 
 TICKS_PER_PHASE = 5
-_find = ErrorFinder.find
+_find = study.find_bars
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -41,12 +42,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Solve no refined mesh for error bars, which takes most of a short run, unless a test asks for them."""
     marked = item.get_closest_marker("error_bars")
 
-    def find(finder: ErrorFinder, *given: Any, everywhere: bool = False) -> RunErrors:
+    def find(*given: Any, everywhere: bool, parts: KeptParts | None = None) -> RunErrors:
         if marked or everywhere:
-            return _find(finder, *given, everywhere=everywhere)
+            return _find(*given, everywhere=everywhere, parts=parts)
         return RunErrors(reason="left out of this test")
 
-    setattr(ErrorFinder, "find", find)  # noqa: B010 - it is a method for mypy
+    setattr(study, "find_bars", find)  # noqa: B010 - it is a function for mypy
 
 
 def made_up_stage(scenario: Scenario) -> RunInfo:
@@ -119,7 +120,6 @@ class MadeUpSimulation:
     at_tick: Callable[[int], None] = lambda tick: None
     next_tick: int = 0
     saves_now: bool = True
-    errors: None = None
 
     def steps(self, most: int | None = None) -> Iterator[Snapshot]:
         """Yield tick 0 to the last, or those that are left."""

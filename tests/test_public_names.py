@@ -30,6 +30,7 @@ EXPECTED = {
     "KeptParts",
     "LearningEpisode",
     "episode_of",
+    "error_bars",
     "write_episodes",
     "MeshError",
     "Observer",

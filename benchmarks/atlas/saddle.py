@@ -16,15 +16,15 @@ import numpy as np
 
 import cosim
 from benchmarks.run_error import film_of, stepped
+from cosim.bars.finer_mesh import ITERATIONS_MAX, FinerMesh
+from cosim.bars.resting import at_rest
 from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.finer_mesh import ITERATIONS_MAX, FinerMesh
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.state import Equilibrium
-from cosim.stepping.run_error import at_rest
 
 CASE = Path(__file__).parents[2] / "tests" / "cases" / "saddle" / "pouch_on_ur5e.toml"
 INCREMENTS, TICKS_S, HELD_S = (10, 20, 100, 1000), (0.001, 0.002, 0.004), 20.0
@@ -87,9 +87,8 @@ def bears_mN(side: SoftArm, rest: Equilibrium, way: float) -> tuple[float, float
 
 def at_rest_in(run: Scenario) -> tuple[SoftArm, Equilibrium, float]:
     """Return the pouch at rest at a run's end, and how far its tip is aside in the run [mm]."""
-    ended = stepped(run)
-    side, state = ended.side, film_of(ended.ends[-1])
-    side.full_state = state
+    side, kept = stepped(run)
+    state = film_of(kept.ends[-1])
     in_run_mm = 1e3 * float(side.body.tip_position(state.soft.positions)[1])
     return side, at_rest(side, state), in_run_mm
 

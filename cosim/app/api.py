@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -44,8 +45,9 @@ def run(
         controllers: the scenario's controllers of kind "python", by name.
         body: a soft body in place of the scenario's soft robot; its files cannot be resumed without it.
         observers: shown all ticks while the run lasts.
-        error: whether to work out how far its figures may be off; None: at all phase ends where that costs at
-            most a third of the run, else at the last, or not where even that costs far more than the run.
+        error: whether to work out how far its figures may be off, as `cosim.error_bars` does; None: at all
+            phase ends where that costs at most a quarter of the run, else at the last, or not where even that
+            costs far more.
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
@@ -62,14 +64,16 @@ def run(
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     recorder = driver.rerun_recorder if recording else None
-    options = driver.Options(directory, recorder, [arrays, *observers], error=error, tell=driver.log)
+    options = driver.Options(
+        directory, recorder, [arrays, *observers], error=error, tell=driver.log, kept=kept
+    )
     given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": driver.log}
     given["kept"] = kept
     build = partial(
         driver.build_simulation, **{key: value for key, value in given.items() if value is not None}
     )
     outcome = driver.execute(checked, build, options, started)
-    result = arrays.result(outcome.summary, directory)
+    result = replace(arrays.result(outcome.summary, directory), scenario=checked, ends=outcome.ends)
     log_ending(outcome.summary)
     if outcome.error is not None:
         raise_ended(outcome.error, result, directory)

@@ -36,13 +36,14 @@ from cosim.errors import OutputError, SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
 from cosim.results.result import ResultBuilder
+from cosim.telemetry.phase_ends import PhaseEnds
 from cosim.telemetry.snapshot import RunErrors, RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody, NamedBody
-    from cosim.stepping.stepped_run import FindsErrors, SteppedRun
+    from cosim.stepping.stepped_run import SteppedRun
 
 
 class Observer(Protocol):
@@ -144,6 +145,8 @@ class Options:
         resume: whether to continue with the run in the directory, from its checkpoint.
         error: whether to work out how far the figures may be off; None: where it costs little of the run.
         tell: told what takes long at the end.
+        kept: parts that may be used again at the end.
+        several: whether it is one of several arms.
     """
 
     directory: Path | None = None
@@ -154,15 +157,24 @@ class Options:
     resume: bool = False
     error: bool | None = None
     tell: Callable[[str], None] = lambda _text: None
+    kept: KeptParts | None = None
+    several: bool = False
 
 
 @final
 @dataclass(frozen=True)
 class RunOutcome:
-    """What is left of a run: its figures, as in summary.json, and the error that ended it, if one did."""
+    """What is left of a run.
+
+    Args:
+        summary: its figures, as in summary.json.
+        error: that ended it, if one did.
+        ends: of its phases.
+    """
 
     summary: dict[str, Any]
     error: BaseException | None
+    ends: PhaseEnds
 
 
 def execute(
@@ -242,8 +254,9 @@ def execute_arms(
             if name in files:
                 files[name].note_loaded(one, read)
             own = replace(
-                options, watchers=watchers[name], checkpoint_every_s=None, make_recorder=recorders.get(name)
-            )
+                options, watchers=watchers[name], checkpoint_every_s=None, make_recorder=recorders.get(name),
+                several=True,
+            )  # fmt: skip
             for watcher in own.watchers:
                 watcher.open(run.runs[name].stage)
                 stack.callback(watcher.close)
@@ -297,7 +310,7 @@ class RunFollower:
         origin: Origin,
         first: TickBatch | None,
     ) -> None:
-        self._files, self._options, stage = files, options, simulation.stage
+        self._scenario, self._files, self._options, stage = scenario, files, options, simulation.stage
         self._recorder = recorder = _begin_files(
             scenario, options, files, RecordingPart(origin.run_id, origin.before)
         )
@@ -314,8 +327,6 @@ class RunFollower:
         if files is not None and every_s is not None:
             keeper = CheckpointKeeper(simulation, self._summary, origin, files, every_s, recorder.flush)
             self._keeper, self._observers = keeper, [keeper.observe, recorder.record, keeper.write_when_due]
-        self._finder = None if options.error is False else simulation.errors
-        self._observers += [] if self._finder is None else [self._finder.observe]
         self._observers += [watcher.observe for watcher in options.watchers]
 
     def observe(self, batch: TickBatch) -> None:
@@ -333,7 +344,10 @@ class RunFollower:
         wall_s = self._origin.wall_s + time.perf_counter() - self._began
         if self._keeper is not None:
             self._keeper.end(ending.status, ending.error)
-        errors = _errors(self._finder, self._summary, ending, self._options)
+        ends = self._summary.state.ends
+        if self._files is not None and ends.ends and not self._options.several:
+            self._files.write_ends(ends)
+        errors = self._error_bars(ends, ending)
         figures = self._summary.finish(ending.status, ending.reason, wall_s, errors)
         try:
             if errors is not None and errors.phases:
@@ -342,24 +356,26 @@ class RunFollower:
         finally:
             if self._files is not None:
                 self._files.finish(figures)
-        return RunOutcome(figures, ending.error)
+        return RunOutcome(figures, ending.error, ends)
 
+    def _error_bars(self, ends: PhaseEnds, ending: Termination) -> RunErrors | None:
+        """Return how far the figures may be off; None: that was not asked for."""
+        options = self._options
+        if options.error is False:
+            return None
+        if options.several:
+            return RunErrors(reason="error bars are known for runs of one arm only")
+        if ending.status != "completed":
+            return RunErrors(reason="the run did not complete")
+        from cosim.bars import study  # here, because it loads engines
 
-def _errors(
-    finder: FindsErrors | None, summary: SummaryBuilder, ending: Termination, options: Options
-) -> RunErrors | None:
-    if finder is None:
-        return (
-            None
-            if options.error is False
-            else RunErrors(reason="error bars are known for runs of one arm only")
-        )
-    if ending.status != "completed":
-        return RunErrors(reason="the run did not complete")
-    try:
-        return finder.find(summary.state.newton_iterations, options.tell, everywhere=options.error is True)
-    except KeyboardInterrupt:
-        return RunErrors(reason="it was interrupted")
+        everywhere = options.error is True
+        try:
+            return study.find_bars(
+                self._scenario, ends, options.tell, everywhere=everywhere, parts=options.kept
+            )
+        except KeyboardInterrupt:
+            return RunErrors(reason="it was interrupted")
 
 
 def _begin_files(

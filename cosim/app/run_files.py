@@ -6,7 +6,7 @@ The marker names the files that were written here; only these are ever replaced 
 lock on it, which the system takes back when the process ends, however it does.
 
 The directory of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `arrays.parquet`,
-`frames.parquet`, `checkpoint.npz`, and `camera_NAME.parquet` of each camera.
+`frames.parquet`, `phase_ends.npz`, `checkpoint.npz`, and `camera_NAME.parquet` of each camera.
 
 A run that resumed after an interruption has a recording for each part: `recording-2.rrd` and so on; they
 belong together and open as one. So do the files of arrays, which end a part at every checkpoint as well. The
@@ -28,10 +28,12 @@ from tempfile import mkstemp
 from types import TracebackType
 from typing import Any, TextIO, final
 
+from cosim.base import state_file
 from cosim.base.files import unfinished_files, write_whole
 from cosim.config.loading import scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, OutputError
+from cosim.telemetry.phase_ends import PhaseEnds
 
 MARKER = ".cosim"
 _HEADER = "# cosim wrote the files named here; what is written here next may replace them.\n"
@@ -242,6 +244,7 @@ SUMMARY = "summary.json"
 CHECKPOINT = "checkpoint.npz"
 ARRAYS = "arrays.parquet"
 FRAMES = "frames.parquet"
+PHASE_ENDS = "phase_ends.npz"
 
 
 def images_file(camera: str) -> str:
@@ -339,13 +342,18 @@ class RunFiles:
             InputError: the directory cannot be made or written, or a file there is not an earlier run's; then
                 nothing was removed.
         """
-        self.out.begin(SCENARIO, scenario_text(scenario), SUMMARY, CHECKPOINT)
+        self.out.begin(SCENARIO, scenario_text(scenario), SUMMARY, CHECKPOINT, PHASE_ENDS)
 
     def go_on(self) -> None:
         """Take away the summary of the part before: the run is not over."""
         self.out.make()
-        self.out.claim(SCENARIO, SUMMARY, CHECKPOINT)
+        self.out.claim(SCENARIO, SUMMARY, CHECKPOINT, PHASE_ENDS)
         (self.directory / SUMMARY).unlink(missing_ok=True)
+
+    def write_ends(self, ends: PhaseEnds) -> None:
+        """Write the phase ends; where they cannot be written, there are none."""
+        with suppress(OSError):
+            state_file.save(self.directory / PHASE_ENDS, ends)
 
     def finish(self, summary: dict[str, Any]) -> None:
         """Write the summary; a reader sees all of it or none.

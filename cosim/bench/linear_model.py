@@ -13,7 +13,7 @@ from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides import lumped_arm, section_arm
-from cosim.coupling.soft_sides.soft_side import MeshReader
+from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.devices.flange_offset import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.assembly import FIGURES

@@ -33,7 +33,6 @@ from cosim.stepping.carrier import Carrier, HeldBase
 from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
-from cosim.stepping.run_error import ErrorFinder
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:
@@ -76,9 +75,7 @@ def build(
         _held_base(scenario, model, soft) if scenario.robot == NO_ARM else _arm(scenario, model, soft, before)
     )
     parts, stage = _joined(scenario, model, soft, actuation, arranged)
-    run = (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
-    run.errors = ErrorFinder(parts, model.finer)
-    return run
+    return (QuasistaticSimulation if scenario.mode == "quasistatic" else DynamicSimulation)(parts, stage)
 
 
 def build_arms(

@@ -24,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     _add_view(commands)
     _add_files(commands)
     _add_pattern(commands)
+    _add_errors(commands)
     _add_export(commands)
     _add_export_path(commands)
     _add_export_fmu(commands)
@@ -120,6 +121,11 @@ def _add_replay(commands: Any) -> None:
     )
     replay.add_argument("--episodes", metavar="N", type=int, default=10, help="on each model (default: 10)")
     replay.add_argument("--seed", type=int, default=0, help="of the goals (default: 0)")
+
+
+def _add_errors(commands: Any) -> None:
+    errors = commands.add_parser("errors", help="work out how far the figures of a finished run may be off")
+    errors.add_argument("directory", metavar="DIR", type=Path, help="directory of a run")
 
 
 def _add_export(commands: Any) -> None:

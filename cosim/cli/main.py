@@ -269,6 +269,19 @@ def _replay(options: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
+def _errors(options: argparse.Namespace) -> int:
+    from cosim.app import ended_run, error_bars  # here, because they load numpy
+    from cosim.cli.screen import logged_to
+    from cosim.telemetry.bounds import bar_lines
+
+    run = ended_run.load_run(options.directory)
+    with logged_to(tell):
+        found = error_bars.error_bars(run)
+    for line in bar_lines(found, run.stage.phase_names):
+        print(printable(line))
+    return EXIT_DONE
+
+
 def _export(options: argparse.Namespace) -> int:
     from cosim.cli.files import EXPORTS, export_command  # here, because it loads numpy
 
@@ -444,6 +457,7 @@ def _cache(options: argparse.Namespace) -> int:
 
 
 _PLAIN: Final = {
+    "errors": _errors,
     "export": _export,
     "export-fmu": _export_fmu,
     "sweep": _sweep,

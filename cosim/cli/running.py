@@ -238,7 +238,7 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
         make_recorder = recorder if how.recording else None
         every_s = how.checkpoint_every_s or driver.Options.checkpoint_every_s
         options = driver.Options(
-            directory, make_recorder, watchers, interruption.reason, every_s, resume, how.error, told
+            directory, make_recorder, watchers, interruption.reason, every_s, resume, how.error, told, kept
         )
         try:
             outcome = driver.execute(

@@ -20,9 +20,11 @@ from cosim._version import __version__
 from cosim.base.column import Column, Columns, columns_of, listing_columns
 from cosim.base.columns import RunColumns
 from cosim.base.frames import Array, IntArray
+from cosim.config.schema.scenario import Scenario
 from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
 from cosim.telemetry.figures import branching_lines, overlap_lines
+from cosim.telemetry.phase_ends import PhaseEnds
 from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, phase_cells, reason_of
 from cosim.telemetry.tick_batch import TickBatch
@@ -230,6 +232,8 @@ class RunResult(FrameColumns, RunColumns):
         directory: where the files are, or None if none were written.
         arrays: columns by name.
         images: what each camera of the scenario saw, by its name.
+        scenario: that was run; None where it is in the directory, or not known.
+        ends: of the phases, for `cosim.error_bars`; None: the same.
     """
 
     stage: RunInfo
@@ -237,6 +241,8 @@ class RunResult(FrameColumns, RunColumns):
     directory: Path | None
     arrays: Mapping[str, NDArray[Any]]
     images: Mapping[str, CameraImages] = field(default_factory=dict)
+    scenario: Scenario | None = None
+    ends: PhaseEnds | None = None
 
     @property
     def status(self) -> str:

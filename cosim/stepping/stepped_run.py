@@ -3,9 +3,9 @@
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, Protocol, final
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, final
 
 from cosim.base.frames import Pose
 from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
@@ -17,7 +17,7 @@ from cosim.plan.plan import Plan
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.parts import Parts
 from cosim.telemetry import cameras, tick_batch
-from cosim.telemetry.snapshot import CameraImage, RunErrors, RunInfo, Snapshot
+from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 
 _LOOKS: Final = 8
 """Looks in a phase, at most, at whether films overlap; the last one at its end."""
@@ -79,20 +79,8 @@ class RunState:
     choices: Choices
 
 
-class FindsErrors(Protocol):
-    """What works out how far the figures of a run may be off; see `cosim.stepping.run_error`."""
-
-    def observe(self, batch: tick_batch.TickBatch) -> None:
-        """Take in ticks; they come in order, and the run is where the last of them has led."""
-
-    def find(self, iterations: int, tell: Callable[[str], None], *, everywhere: bool = False) -> RunErrors:
-        """Return the errors of a run that took so many iterations."""
-
-
 class SteppedRun(ABC):
     """Steps a planned run.
-
-    `errors` works out how far its figures may be off, for who shows it all ticks; None where nothing does.
 
     Args:
         parts: of the run.
@@ -104,7 +92,6 @@ class SteppedRun(ABC):
         self._parts, self.stage, self._counts = parts, stage, tuple(counts)
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)
-        self.errors: FindsErrors | None = None
         self._cursor: Cursor | None = None
         self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
         self._failed = False  # in a step after the last one shown
@@ -234,6 +221,8 @@ class SteppedRun(ABC):
             return None
         taken = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
         self._cursor = to.later(len(taken) - 1)
+        if self.at_edge and (end := self._parts.soft.end_state) is not None:
+            taken = replace(taken, ends={len(taken) - 1: end})
         self._fitting = max(1, int(_SHOWN_S / max(float(taken.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
         return self._cameras.filmed(taken) if self.stage.cameras else taken
 

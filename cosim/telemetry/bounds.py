@@ -7,6 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.names import PUT_IN, TERMS
+from cosim.telemetry.snapshot import RunErrors
 
 BARS: Final = {
     "tip_m": ("tip", "mm", 1e3),
@@ -61,6 +62,23 @@ def bar_warnings(phases: Sequence[Mapping[str, Any]]) -> list[str]:
         f"at the end of phase{'s' * (len(names) > 1)} {', '.join(names)} figures may be far off: {text}"
         for text, names in found.items()
     ]
+
+
+def bar_lines(errors: RunErrors, names: Sequence[str]) -> list[str]:
+    """Return a line for each phase end of a run: its error bars, what that of the tip is made of, or why not.
+
+    Args:
+        errors: of the run.
+        names: of its phases.
+    """
+    lines, width = [errors.reason] if errors.reason else [], max(map(len, names), default=0)
+    for phase, bars in sorted(errors.phases.items()):
+        known = {key: scale * bars[key] for key, (_, _, scale) in BARS.items() if bars[key] is not None}
+        texts = [f"{BARS[key][0]} {value:.2g} {BARS[key][1]}" for key, value in known.items()]
+        parts = {part: 1e3 * bars[part]["tip_m"] for part in _CAUSES if "tip_m" in bars.get(part, {})}
+        texts += [f"tip by {part.removeprefix('of_')} {value:.2g} mm" for part, value in parts.items()]
+        lines.append(f"{names[phase]:<{width}}  {bars['reason'] or ', '.join(texts)}")
+    return lines
 
 
 def _figure(phase: Mapping[str, Any], key: str) -> float:

@@ -23,7 +23,7 @@ from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
-    from cosim.coupling.soft_sides.soft_side import ShapeReader
+    from cosim.coupling.soft_sides.shape_reader import ShapeReader
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.tip_errors import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
@@ -227,6 +227,12 @@ class FilmShapes:
         if self._reader is None:
             return np.stack([shape.node_position for shape in shapes])
         return self._reader.films(shapes)
+
+    def moments(self) -> Array:
+        """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0: none are known."""
+        if self._reader is None:
+            return np.zeros((len(self._shapes), 0, 3))
+        return self._reader.moments(self._shapes)
 
     def _read(self) -> ShapeFigures:
         if self._reader is not None:

@@ -16,6 +16,7 @@ from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched
 from cosim.telemetry.energy_figures import EnergyFigures
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
+from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
 from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 
 _ITSELF: Final = "contact with itself"
@@ -261,6 +262,7 @@ class SummaryState:
         began: when the present phase began [s], and how high the flange was then [m].
         missed: objects that were not lifted, in words.
         phases: rows of the summary.
+        ends: of phases, for studies of the finished run.
     """
 
     touched: touched.TouchedFigures
@@ -279,6 +281,7 @@ class SummaryState:
     began: tuple[float, float] = (0.0, 0.0)
     missed: list[str] = field(default_factory=list)
     phases: list[dict[str, Any]] = field(default_factory=list)
+    ends: PhaseEnds = field(default_factory=PhaseEnds)
 
     @property
     def seen(self) -> Snapshot:
@@ -323,12 +326,14 @@ class SummaryBuilder:
         self._figures = tuple(figures_of(TickColumns))
         none = touched.TouchedFigures.none(len(stage.body_names))
         self._state = SummaryState(none, None if stage.energy is None else stage.energy.begin())
+        self._ends = PhaseEndsBuilder(stage.ticks, moves=stage.energy is not None)
 
     @property
     def state(self) -> SummaryState:
         """The figures so far; those of another run are refused."""
         last = self._state.last
-        return self._state if last is None else replace(self._state, last=last.kept())
+        shown = None if last is None else last.kept()
+        return replace(self._state, last=shown, ends=self._ends.state)
 
     @state.setter
     def state(self, state: SummaryState) -> None:
@@ -338,11 +343,12 @@ class SummaryBuilder:
             raise InputError(f"the saved figures are {', '.join(state.gathered)}")
         for phase in state.phases:
             phase_cells(json_ready(phase))
-        self._state = state
+        self._state, self._ends.state = state, state.ends
 
     def observe(self, batch: tick_batch.TickBatch) -> tick_batch.TickBatch:
         """Take in ticks of one phase, in order, tick 0 first; return them with their energy balance."""
         state, stage = self._state, self._stage
+        self._ends.observe(batch)
         if state.last is None:
             first = batch.snapshot(0)
             state = replace(

@@ -25,6 +25,8 @@ if TYPE_CHECKING:  # who only looks at batches needs no kernels
 _NOWHERE: Final = np.full(3, np.nan)
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "images", "pieces")
 """What few ticks have: by the rows of those."""
+_BY_ROW_ONLY: Final = (*_BY_ROW, "ends")
+"""The same, with what no snapshot holds."""
 _COLUMNS: Final = columns_of(TickColumns)
 _OTHERS: Final = ("flange_twist", "tip_target", "wrench")
 """What snapshots hold otherwise."""
@@ -52,6 +54,7 @@ class TickBatch(TickColumns):
         footing: of the soft robot, by row, at ends of phases.
         images: of cameras, by row; rows left out have none.
         pieces: of ticks that were taken in pieces, by row.
+        ends: of phases, by row: states of the soft side, see `SoftSide.end_state`.
     """
 
     arrays: Mapping[str, NDArray[Any]]
@@ -63,6 +66,7 @@ class TickBatch(TickColumns):
     footing: Mapping[int, Footing] = field(default_factory=dict)
     images: Mapping[int, tuple[CameraImage, ...]] = field(default_factory=dict)
     pieces: Mapping[int, TickPieces] = field(default_factory=dict)
+    ends: Mapping[int, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, snapshots: Sequence[Snapshot]) -> TickBatch:
@@ -127,7 +131,7 @@ class TickBatch(TickColumns):
             {name: np.concatenate([batch.arrays[name] for batch in batches]) for name in names},
             FilmShapes.joined([batch.film for batch in batches]),
             [report for batch in batches for report in batch.devices],
-            **{name: by_row(name) for name in _BY_ROW},
+            **{name: by_row(name) for name in _BY_ROW_ONLY},
         )
 
     def __len__(self) -> int:
@@ -148,7 +152,7 @@ class TickBatch(TickColumns):
             {name: array[rows] for name, array in self.arrays.items()},
             self.film.some(rows),
             [self.devices[row] for row in places],
-            **{name: by_row(getattr(self, name)) for name in _BY_ROW},
+            **{name: by_row(getattr(self, name)) for name in _BY_ROW_ONLY},
         )
 
     def shown(self) -> TickBatch:

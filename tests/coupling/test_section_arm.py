@@ -10,7 +10,7 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.coupling.soft_sides.section_arm import SectionArm
-from cosim.coupling.soft_sides.soft_side import MeshReader
+from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.errors import InputError, UnreachableError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas

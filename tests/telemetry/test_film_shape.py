@@ -16,7 +16,7 @@ from cosim.base.frames import Array
 from cosim.base.state_file import load, save
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.soft_side import MeshReader
+from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.telemetry.snapshot import FilmShape, Snapshot, UnreadFilmShape
 from tests.soft.bodies import hexagon_arm
 

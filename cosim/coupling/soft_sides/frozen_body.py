@@ -6,7 +6,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross
-from cosim.coupling.soft_sides.soft_side import MassProperties, MeshReader, SoftReply, SoftSide
+from cosim.coupling.soft_sides.shape_reader import MeshReader
+from cosim.coupling.soft_sides.soft_side import MassProperties, SoftReply, SoftSide
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface

@@ -14,7 +14,7 @@ from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.kernels import unchecked
 from cosim.base.state import check_indices
 from cosim.coupling.payload import fill_mass
-from cosim.coupling.soft_sides import soft_side
+from cosim.coupling.soft_sides import shape_reader, soft_side
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -428,6 +428,12 @@ class SoftArm(soft_side.SoftSide):
         self.equilibrium_solver.solver.state = state.newton
 
     @property
+    def end_state(self) -> SoftArmState:
+        """Where it is, how it is held, and what acts on it."""
+        here = self._now.soft
+        return replace(self._now, soft=SoftState.at_rest(here.positions, here.memory, here.touching))
+
+    @property
     def reaction(self) -> Array:
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
         return self.clamp.reaction(self._film.gradient)
@@ -436,9 +442,9 @@ class SoftArm(soft_side.SoftSide):
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
 
-    def shape_reader(self) -> soft_side.MeshReader:
+    def shape_reader(self) -> shape_reader.MeshReader:
         """Return what reads nodes."""
-        return soft_side.MeshReader(self.body, self._film.gas.enclosed_volumes)
+        return shape_reader.MeshReader(self.body, self._film.gas.enclosed_volumes)
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:

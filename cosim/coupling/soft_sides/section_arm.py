@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.coupling.schemes.ledger import ShapeFigures
-from cosim.coupling.soft_sides import chain_equilibria, soft_side
+from cosim.coupling.soft_sides import chain_equilibria, shape_reader, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.assembly import CENTER, center_and_inertia, figures_of, supplied_wrench
@@ -69,7 +69,7 @@ class SectionArmState:
 
 
 @final
-class ChainReader(soft_side.ShapeReader):
+class ChainReader(shape_reader.ShapeReader):
     """Reads chains; figures need the nodes of the tip and the centres of the hole rings, and no others.
 
     Args:
@@ -100,11 +100,11 @@ class ChainReader(soft_side.ShapeReader):
         frames, pressure_Pa = _stacked(shapes)
         found = self._section.points(frames, pressure_Pa, self._weights, self._before)
         volumes = self._section.volumes(frames, pressure_Pa)
-        return soft_side.figures_at(found, self._tip, volumes)
+        return shape_reader.figures_at(found, self._tip, volumes)
 
     def tips(self, shapes: Sequence[ChainStep]) -> Array:
         """Return the tips; see `ShapeReader.tips`."""
-        return soft_side.centers_of(self._section.points(*_stacked(shapes), *self._of_tip))
+        return shape_reader.centers_of(self._section.points(*_stacked(shapes), *self._of_tip))
 
 
 def _stacked(shapes: Sequence[ChainStep]) -> tuple[Array, Array]:
@@ -347,6 +347,11 @@ class SectionArm(soft_side.SoftSide):
         state.check(len(self.section.frames))
         self._now, self._film = replace(state, factor=None), None
         self._stepper.factor.restore_state(state.factor, state.clamp)
+
+    @property
+    def end_state(self) -> SectionArmState:
+        """Where it is, how it is held, and what acts on it."""
+        return self._now
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""

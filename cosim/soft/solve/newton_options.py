@@ -167,6 +167,10 @@ def say_nothing(_what: object) -> None:
     """Do nothing."""
 
 
+def _do_nothing() -> None:
+    """Do nothing."""
+
+
 @final
 class SearchEffort:
     """Counts the Newton iterations of a search, ends it at a bound, and says what it tries while it lasts.
@@ -175,7 +179,8 @@ class SearchEffort:
     target. Searches within a search count as part of it.
 
     Attributes: `work`, iterations and failed factorisations of all searches; `patience`, iterations within
-    which a slide halves what is out of balance, or is given up.
+    which a slide halves what is out of balance, or is given up; `check`, called at every new tangent, which
+    ends whatever is searched by what it raises.
 
     Args:
         most: iterations that one search may take.
@@ -185,6 +190,7 @@ class SearchEffort:
         self.most, self.spent, self._left, self._residual_N = most, 0, "", math.inf
         self.place, self.trying, self._bound = "", "", most
         self.tell: Callable[[str], None] = say_nothing
+        self.check: Callable[[], None] = _do_nothing
         self.work, self.patience = 0, math.inf
         self._within: list[str] = []
         self._began = self._next = 0.0
@@ -297,6 +303,7 @@ class SearchEffort:
         Args:
             under_way: iterations of a solution that has not ended.
         """
+        self.check()
         now = time.monotonic()
         if self._within and now >= self._next:
             self._next = now + (now - self._began)

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.bars import study
+from cosim.bars.calibration import DRAWN, GRADED, apart, tension_apart
+from cosim.bars.finer_mesh import FinerMesh
 from cosim.base.kept_parts import KeptParts
 from cosim.build import section_models
 from cosim.build.soft_model import SoftModel
 from cosim.cli.main import main
-from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.finer_mesh import FinerMesh
+from cosim.config.loading import load_scenario, scenario_text
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.soft.body.loads import Loads
-from cosim.stepping import run_error
-from cosim.stepping.run_error import DRAWN, GRADED, apart, tension_apart
 from tests.small_section import FRAMED, framed_section, on_a_ur5e
 
 SADDLE = Path(__file__).parents[1] / "cases" / "saddle" / "pouch_on_ur5e.toml"
@@ -230,16 +230,20 @@ def test_a_phase_that_branches_has_no_bar() -> None:
     assert [last[key] for key in FIGURES] == [None] * len(FIGURES)
 
 
-def test_it_costs_no_more_than_its_share_unless_it_is_asked_for(arm: Path) -> None:
+def test_it_costs_no_more_than_its_share_unless_it_is_asked_for(
+    arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     arm.write_text(ARM + LIFT, encoding="utf-8")
+    monkeypatch.setattr(study, "SHARE", 1e3)
+    assert all(phase["error"]["reason"] is None for phase in phases(arm, error=None, **APART))
+    monkeypatch.setattr(study, "SHARE", 0.0)  # whatever a run takes, two phases take more
     summary = cosim.run(arm, overrides=APART).summary
     assert summary["phases"][0]["error"] is None
     assert summary["phases"][1]["error"]["reason"] is None
-    assert "third of the run" in summary["error"]["reason"]
-    arm.write_text(ARM, encoding="utf-8")
-    once = {**APART, "mode": "dynamic", "clock.tick_s": 0.1, "phase.inflate.duration_s": 0.1}
-    short = cosim.run(arm, overrides=once).summary
-    assert short["phases"][0]["error"] is None
+    assert "quarter of the run" in summary["error"]["reason"]
+    monkeypatch.setattr(study, "LEAST_s", 0.0)
+    short = cosim.run(arm, overrides=APART).summary
+    assert [phase["error"] for phase in short["phases"]] == [None, None]
     assert "--error" in short["error"]["reason"]
 
 
@@ -292,7 +296,7 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
     most = framed_section().body.nodes
     too_dear = f"with a film of {most} nodes it takes 10 s and longer; --error works it out all the same"
     for nodes, reason in ((most, None), (most - 1, too_dear)):
-        monkeypatch.setattr(run_error, "FILM_NODES_MAX", nodes)
+        monkeypatch.setattr(study, "FILM_NODES_MAX", nodes)
         unasked = cosim.run(path, overrides={"fidelity": "section", "mode": "quasistatic"})
         assert unasked.summary["error"]["reason"] == reason
 
@@ -304,3 +308,94 @@ def test_a_bar_above_a_quarter_of_its_figure_is_a_warning_with_its_cause() -> No
     assert last["error"]["length_m"] > 0.25 * last["length_m"]
     assert "volume by " in text
     assert text.endswith("the mesh is coarse: fidelity = 'refined' divides every triangle into four")
+
+
+SWING: dict[str, Any] = {**APART, "mode": "dynamic", "clock.tick_s": 0.01, "phase.inflate.duration_s": 0.2}
+
+
+class Stops:
+    """An observer that interrupts a run in its second phase."""
+
+    def open(self, stage: cosim.Observer) -> None:
+        """Do nothing."""
+
+    def observe(self, batch: Any) -> None:
+        """Interrupt once the second phase has begun."""
+        if batch.phase[0] and len(batch) < 20:
+            raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def of_figures(bars: dict[str, Any]) -> dict[str, float]:
+    """Return the bars that are known."""
+    return {key: bars[key] for key in FIGURES if bars[key] is not None}
+
+
+def test_a_finished_run_has_the_same_bars_in_memory_and_on_disk(arm: Path, tmp_path: Path) -> None:
+    arm.write_text(ARM.replace("increments = 2\n", "") + PULL, encoding="utf-8")
+    asked = cosim.run(arm, overrides=SWING, error=True).summary
+    run = cosim.run(arm, overrides=SWING, error=False, out=tmp_path / "run")
+    assert [phase["error"] for phase in run.summary["phases"]] == [None, None]
+    for found in (run, tmp_path / "run", cosim.load_run(tmp_path / "run")):
+        bars = cosim.error_bars(found)
+        assert bars.reason is None
+        for k, phase in enumerate(asked["phases"]):
+            assert bars.phases[k]["of_tick"]["tip_m"] > 0.0
+            assert of_figures(bars.phases[k]) == pytest.approx(of_figures(phase["error"]), rel=1e-6)
+
+
+def test_a_resumed_run_has_bars_of_the_phases_before(arm: Path, tmp_path: Path) -> None:
+    arm.write_text(ARM.replace("increments = 2\n", "") + PULL, encoding="utf-8")
+    whole, out = cosim.run(arm, overrides=SWING, error=False), tmp_path / "run"
+    with pytest.raises(cosim.RunInterrupted):
+        cosim.run(arm, overrides=SWING, error=False, out=out, observers=[Stops()])
+    assert main(["run", "--resume", str(out), "--no-error", "--quiet"]) == 0
+    bars, wanted = cosim.error_bars(out).phases, cosim.error_bars(whole).phases
+    assert [bars[k]["tip_m"] for k in (0, 1)] == pytest.approx([wanted[k]["tip_m"] for k in (0, 1)], rel=1e-6)
+    assert bars[1]["of_tick"]["tip_m"] == pytest.approx(wanted[1]["of_tick"]["tip_m"], rel=1e-6)
+
+
+def test_the_command_prints_the_bars_of_a_run(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    cosim.run(arm, error=False, out=out)
+    assert main(["errors", str(out)]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    bars = cosim.error_bars(out).phases[0]
+    assert line.startswith(f"inflate  tip {1e3 * bars['tip_m']:.2g} mm, sag ")
+    assert f"tip by mesh {1e3 * bars['of_mesh']['tip_m']:.2g} mm, tip by solver " in line
+
+
+def test_a_run_without_phase_ends_is_refused_in_one_line(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    cosim.run(arm, error=False, out=out)
+    ends = out / "phase_ends.npz"
+    ends.write_bytes(ends.read_bytes()[:-100])
+    assert main(["errors", str(out)]) == 2
+    ends.unlink()
+    assert main(["errors", str(out)]) == 2
+    damaged, absent = capsys.readouterr().err.splitlines()
+    assert damaged.startswith(f"cosim: error: {ends}: is no saved state that can be read")
+    assert absent.endswith(f"run it again: cosim run {out / 'scenario.toml'}")
+
+
+def test_phase_ends_of_another_soft_robot_are_refused(arm: Path, tmp_path: Path) -> None:
+    cosim.run(arm, error=False, out=tmp_path / "run")
+    path = tmp_path / "run" / "scenario.toml"
+    path.write_text(scenario_text(load_scenario(arm, {"soft_robot": "hexagon_arm"})), encoding="utf-8")
+    with pytest.raises(cosim.InputError, match="nodes"):
+        cosim.error_bars(tmp_path / "run")
+
+
+def test_a_search_ends_once_its_time_is_spent(arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spent = iter(range(10**6))
+    monkeypatch.setattr(study.Budget, "spent_s", property(lambda _budget: next(spent)))
+    found = cosim.run(arm).summary
+    (phase,) = found["phases"]
+    assert phase["error"]["reason"] == "it would cost more than the run; --error works it out all the same"
+    assert found["error"]["iterations"] < 10

@@ -1,0 +1,188 @@
+"""The states at rest at the ends of phases, on the run's mesh and on that refined once.
+
+Rings that a phase holds are held where the refined mesh has them when they are first held: that state is
+solved before. Where no state at rest is found near that of the run, it is followed from the end of the phase
+before. A section model is compared with the film that it was condensed from, which is brought to rest first.
+"""
+
+from dataclasses import dataclass
+from typing import final
+
+from cosim.bars.budget import Budget
+from cosim.bars.finer_mesh import ITERATIONS_MAX, PATIENCE, FinerMesh, SourceFilm
+from cosim.build.soft_model import SoftModel
+from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.coupling.soft_sides.section_arm import SectionArmState
+from cosim.errors import ConvergenceError, InputError
+from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.telemetry.phase_ends import PhaseEnd
+
+
+@final
+@dataclass(frozen=True)
+class Pair:
+    """States at rest at the end of a phase.
+
+    Args:
+        rest: on the run's mesh.
+        finer: on the refined mesh.
+        clamp: of the refined mesh.
+    """
+
+    rest: Equilibrium
+    finer: Equilibrium
+    clamp: Clamp
+
+
+def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
+    """Return where a body that has stopped at a state of its run comes to rest; it is held as there then.
+
+    Raises:
+        ConvergenceError: no equilibrium was found near it.
+    """
+    if not state.clamp.holds_as(side.clamp):
+        side.hold(state.clamp)
+    soft = SoftState.at_rest(state.soft.positions, state.soft.memory, state.soft.touching)
+    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
+
+
+@final
+class RestingStates:
+    """Finds the states at rest at the ends of a run's phases, each once.
+
+    Attributes: `side`, the film on the run's mesh; `source`, of a run with a section model that film and the
+    chain, else None; `pairs`, what is known.
+
+    Args:
+        model: of the run's soft robot.
+        ends: of its phases.
+        budget: of the searches.
+
+    Raises:
+        InputError: the ends are of another soft robot.
+    """
+
+    def __init__(self, model: SoftModel, ends: tuple[PhaseEnd, ...], budget: Budget) -> None:
+        self._model, self.ends, self._budget = model, ends, budget
+        self.source = None if model.section is None else SourceFilm(model.chain(), model.refined(0))
+        self.side = self._film_side()
+        self.side.effort.check = budget.check
+        self.pairs: dict[int, Pair] = {}
+        self._mesh: FinerMesh | None = None
+        self._films: dict[int, SoftArmState] = {}
+        self._check()
+
+    def _check(self) -> None:
+        """Check that the phase ends are of the model.
+
+        Raises:
+            InputError: they are not.
+        """
+        chain = None if self.source is None else self.source.chain
+        kind = SoftArmState if chain is None else SectionArmState
+        for end in self.ends:
+            if not isinstance(end.state, kind):
+                raise InputError(f"the phase ends are of a {type(end.state).__name__}, not a {kind.__name__}")
+            end.state.check(self.side.body.nodes if chain is None else len(chain.section.frames))
+
+    def _film_side(self) -> SoftArm:
+        if self.source is not None:
+            return self.source.film
+        side = self._model.side()
+        assert isinstance(side, SoftArm), "nothing else has a refined mesh"
+        return side
+
+    @property
+    def mesh(self) -> FinerMesh:
+        """The refined mesh, built when it is first asked for.
+
+        Raises:
+            MeshError: it is not that of the same body.
+        """
+        if self._mesh is None:
+            self._mesh = FinerMesh(self.side.body, self._model.refined(1))
+            self._mesh.side.effort.check = self._budget.check
+        return self._mesh
+
+    @property
+    def iterations(self) -> int:
+        """Of Newton's method on the refined mesh."""
+        return 0 if self._mesh is None else self._mesh.iterations
+
+    def film(self, place: int) -> SoftArmState:
+        """Return the film at a phase end; that of a section model in the shape of its chain."""
+        state = self.ends[place].state
+        if isinstance(state, SectionArmState):
+            assert self.source is not None, "only a run with a section model has such states"
+            if place not in self._films:
+                self._films[place] = self.source.state(state)
+            return self._films[place]
+        assert isinstance(state, SoftArmState), "other models keep none"
+        return state
+
+    def pair(self, place: int) -> Pair | None:
+        """Return the states at rest at a phase end; None where it is not known how it is held.
+
+        Raises:
+            ConvergenceError: no equilibrium was found near that of the run.
+            TooDearError: it is not there yet, and all that it may cost is spent.
+        """
+        if place not in self.pairs:
+            self._budget.check()
+            held = self._held(place)
+            if held is None:
+                return None
+            self.pairs[place] = self._solved(place, *held)
+        return self.pairs[place]
+
+    def _held(self, place: int) -> tuple[Clamp, Pair | None] | None:
+        """Return what holds the refined mesh at a phase end, and a pair whose difference may be taken along.
+
+        None where that is not known: what is held since an earlier phase is held where it was at its end.
+        """
+        film = self.film(place)
+        if film.clamp.holds_as(Clamp.of_base(self.side.body)):
+            return self.mesh.clamp(film.clamp), None
+        others = (k for k in range(place, -1, -1) if not self.film(k).clamp.holds_as(film.clamp))
+        since = next(others, -1)
+        before = self.pair(since) if since >= 0 and not self.ends[since].why_not else None
+        if before is None:
+            return None
+        along = before if self.ends[place - 1].why_not else self.pair(place - 1)
+        return self.mesh.clamp(film.clamp, (before.clamp, before.finer)), along
+
+    def _solved(self, place: int, clamp: Clamp, along: Pair | None) -> Pair:
+        rest = self._at_rest(place)
+        try:
+            finer = self.mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
+        except ConvergenceError:
+            earlier = self._earlier(place)
+            if earlier is None:
+                raise
+            finer = self.mesh.followed(clamp, rest, earlier.finer)
+        return Pair(rest, finer, clamp)
+
+    def _at_rest(self, place: int) -> Equilibrium:
+        """Return the film at rest at a phase end.
+
+        The film that a bent chain draws may have folds that no film has: then it is followed there.
+
+        Raises:
+            ConvergenceError: no equilibrium was found near that of the run.
+        """
+        side, film = self.side, self.film(place)
+        try:
+            return at_rest(side, film)
+        except ConvergenceError:
+            earlier = None if self.source is None else self._earlier(place)
+            if earlier is None:
+                raise
+            side.settle(earlier.rest)
+            return side.follow(earlier.rest, film.flange, film.loads)
+
+    def _earlier(self, place: int) -> Pair | None:
+        """Return the states at rest one phase earlier, if the film was held in the same way."""
+        if not place or self.ends[place - 1].why_not:
+            return None
+        clamps = [self.film(k).clamp for k in (place - 1, place)]
+        return self.pair(place - 1) if clamps[0].holds_as(clamps[1]) else None

@@ -1,0 +1,129 @@
+"""What a run keeps for studies of it: the ends of its phases, and how its film has moved between them."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Final, final
+
+import numpy as np
+
+from cosim.base.frames import Array
+from cosim.soft.solve.branching import WHOLE, Branching
+from cosim.telemetry.tick_batch import TickBatch
+
+_LEAP: Final = 0.05
+"""Of the length: a snap by less does not take the bars of its phase away."""
+BRANCHES: Final = "the soft robot branches in it, and figures jump there"
+SNAPS: Final = "the soft robot snaps at its end, and figures jump there"
+TOUCHES: Final = "the soft robot touches the scene, and contact with it is not modelled on the refined mesh"
+
+
+@final
+@dataclass(frozen=True)
+class PhaseEnd:
+    """The end of a phase.
+
+    Args:
+        phase: its index.
+        tick: count of ticks there.
+        state: of the soft side, see `SoftSide.end_state`.
+        why_not: why figures there have no error bar; empty where nothing that the run has seen is against it.
+    """
+
+    phase: int
+    tick: int
+    state: Any
+    why_not: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class PhaseEnds:
+    """What is kept of a run.
+
+    Args:
+        ends: of the phases that have ended, in order.
+        moments: (rows, m, 3) [kg^1/2 m] of the film's shape, one row for each tick from the state at rest on,
+            see `ShapeMoments`; (0, 0, 3) where it is in no motion that is known.
+        branches: whether the soft robot has branched in the present phase.
+        cpu_s: processor time of the run.
+    """
+
+    ends: tuple[PhaseEnd, ...] = ()
+    moments: Annotated[Array, ("*", "*", 3)] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    branches: bool = False
+    cpu_s: float = 0.0
+
+
+@final
+class PhaseEndsBuilder:
+    """Gathers them from ticks in order.
+
+    Args:
+        ticks: of the whole run.
+        moves: whether the film's motion is kept: in time, of a film that is not rigid.
+    """
+
+    def __init__(self, ticks: int, *, moves: bool) -> None:
+        self._rows, self._moves, self._began = ticks + 1, moves, time.process_time()
+        self._ends: list[PhaseEnd] = []
+        self._moments, self._known = np.zeros((0, 0, 3)), 0
+        self._branches, self._before_s = False, 0.0
+
+    @property
+    def state(self) -> PhaseEnds:
+        """What is known so far; costs no copy, as ticks to come are written behind it."""
+        cpu_s = self._before_s + time.process_time() - self._began
+        return PhaseEnds(tuple(self._ends), self._moments[: self._known], self._branches, cpu_s)
+
+    @state.setter
+    def state(self, state: PhaseEnds) -> None:
+        self._ends, self._known = list(state.ends), 0
+        self._branches, self._before_s, self._began = state.branches, state.cpu_s, time.process_time()
+        self._add(state.moments)
+
+    def observe(self, batch: TickBatch) -> None:
+        """Take in ticks of one phase."""
+        if self._moves:
+            self._add(batch.film.moments())
+        self._branches |= any(self._leaps(batch, row, passed) for row, passed in batch.branchings.items())
+        for row, state in batch.ends.items():
+            why_not = self._why_not(batch, row)
+            self._ends.append(PhaseEnd(int(batch.phase[row]), int(batch.tick[row]), state, why_not))
+            self._branches = False
+
+    def _add(self, moments: Array) -> None:
+        if self._moments.shape[1:] != moments.shape[1:]:
+            self._moments = np.empty((self._rows, *moments.shape[1:]))
+        self._moments[self._known : self._known + len(moments)] = moments
+        self._known += len(moments)
+
+    def _why_not(self, batch: TickBatch, row: int) -> str:
+        """Return why figures at the end of a phase have no error bar, as far as the run has seen."""
+        footing = batch.footing.get(row)
+        if batch.slides[row]:
+            return SNAPS
+        if batch.contacts[row]:
+            return TOUCHES
+        if footing is not None and (stands := footing.stability(())) != "stable":
+            return f"the soft robot is {stands} at its end, where a small difference may move it far"
+        return BRANCHES if self._branches else ""
+
+    @staticmethod
+    def _leaps(batch: TickBatch, row: int, passed: Sequence[Branching]) -> bool:
+        length_m = float(batch.film.figures.center_line_m[row])
+        return any(leaps(each, length_m) for each in passed)
+
+
+def leaps(passed: Branching, length_m: float) -> bool:
+    """Return whether more than a wrinkle moves: the body branches, or snaps farther than a bar could tell.
+
+    Args:
+        passed: in a tick.
+        length_m: of the soft robot there.
+    """
+    before, after = passed.other_tip_m, passed.tip_m
+    if passed.extent < WHOLE or not passed.snap or before is None or after is None:
+        return passed.extent >= WHOLE
+    return math.dist(before, after) >= _LEAP * length_m
