@@ -47,7 +47,7 @@ def loops(ticks: int, pairs: int = 3) -> None:
     for k in range(ticks):
         data.ctrl[:], soft.pressure_Pa = controls[k], pressures[k]
         soft.step(model, data)
-        wrench, other = soft.wrench, seen[k].ledger.wrench
+        wrench, other = soft.wrench, seen[k].wrench
         apart = np.abs(wrench.force - other.force).max(), np.abs(wrench.torque - other.torque).max()
         joints, tip = data.qpos - seen[k].joint_position, soft.tip_position - seen[k].tip_position
         worst = np.maximum(worst, [np.abs(joints).max(), np.abs(tip).max(), max(apart)])

@@ -82,7 +82,7 @@ def grasp(shape: str, mass_g: int, seed: int, changes: dict[str, Any]) -> dict[s
                 (snapshot.world_from_flange.inverse() @ world).translation
             )
             heights.append(snapshot.body_position[body][2])
-            force = max(force, snapshot.ledger.contact_force_N)
+            force = max(force, snapshot.contact_force_N)
     except SolverError as stopped:
         error = f"{stopped}"
     found = {"shape": shape, "mass_g": mass_g, "seed": seed, "error": error, "contact_force_N": force}

@@ -116,7 +116,7 @@ def inflated(pouches: int, edge_mm: float) -> list[tuple[float, float, float]]:
         flat, found = 1e-3 * LENGTH_mm * pouches / POUCHES, []
         simulation = cosim.Simulation("three_unit_inflation", overrides=changes)
         for p in PRESSURES_kPa:
-            film = simulation.step(ticks=10).film
+            film = simulation.step(ticks=10)
             volume = 1e6 * float(film.chamber_volume_m3.sum()) * POUCHES / pouches
             found.append((p, volume, 100.0 * (1.0 - film.center_line_m / flat)))
         return found

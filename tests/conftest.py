@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -13,14 +13,13 @@ import pytest
 
 from cosim.bars import study
 from cosim.base.compilation import compile_modules
-from cosim.base.frames import Pose, Twist, Wrench
 from cosim.base.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.soft.beams.beam_rings import StiffenerStrain
-from cosim.telemetry.snapshot import FilmShape, RunErrors, RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.compiled import all_modules
+from tests.ticks import changed, made_tick, read_film
 
 TICKS_PER_PHASE = 5
 _find = study.find_bars
@@ -79,9 +78,11 @@ def made_up_stage(scenario: Scenario) -> RunInfo:
 
 def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
     """Return a snapshot whose numbers all grow with the tick."""
-    wrench = Wrench(np.array([0.0, 0.0, -8.52]), np.array([0.1, 0.2, 0.3]))
-    entry = LedgerEntry(wrench, 1.0, -1.0 + 1e-6 * tick, 1e-9 * tick, 2, 0.01 * tick, False)
-    return Snapshot(
+    film = read_film(
+        np.full((3, 3), float(tick)), np.array([1e-4 * (1.0 + tick)]),
+        np.array([0.3, 0.0, 0.5 + 0.001 * tick]), np.array([0.0, 0.0, -1.0]), 0.001 * tick,
+    )  # fmt: skip
+    values = dict[str, Any](
         tick=tick,
         time_s=tick * tick_s,
         phase=max(tick - 1, 0) // TICKS_PER_PHASE,
@@ -92,24 +93,21 @@ def made_up_snapshot(tick: int, tick_s: float) -> Snapshot:
         body_position=np.zeros((2, 3)),
         body_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
         body_contact_force=np.zeros((2, 3)),
-        film=FilmShape(
-            node_position=np.full((3, 3), float(tick)),
-            chamber_volume_m3=np.array([1e-4 * (1.0 + tick)]),
-            tip_position=np.array([0.3, 0.0, 0.5 + 0.001 * tick]),
-            tip_direction=np.array([0.0, 0.0, -1.0]),
-            center_line_m=0.001 * tick,
-        ),
-        world_from_flange=Pose(np.eye(3), np.array([0.3, 0.0, 0.7])),
-        flange_twist=Twist(),
+        flange_position=np.array([0.3, 0.0, 0.7]),
+        flange_rotation=np.eye(3),
         soft_center=np.array([0.3, 0.0, 0.6]),
         soft_inertia=np.diag([2e-3, 2e-3, 1e-3]),
         chamber_pressure_Pa=np.array([100.0 * tick]),
         cable_tension_N=np.array([1.0 * tick]),
-        tip_target=None,
-        ledger=entry,
+        wrench=np.array([0.0, 0.0, -8.52, 0.1, 0.2, 0.3]),
+        rigid_power_W=1.0,
+        soft_power_W=-1.0 + 1e-6 * tick,
+        residual_N=1e-9 * tick,
+        newton_iterations=2,
+        stability_ratio=0.01 * tick,
         tick_wall_s=1e-4,
-        body_touch=np.zeros((2, 3)),
     )
+    return made_tick(film, values)
 
 
 @dataclass
@@ -129,7 +127,7 @@ class MadeUpSimulation:
             last_phase = tick > self.stage.ticks - TICKS_PER_PHASE
             target = np.array([0.3, 0.0, 0.5]) if last_phase else None
             self.next_tick = tick + 1
-            yield replace(snapshot, tip_target=target)
+            yield snapshot if target is None else changed(snapshot, tip_target=target)
 
     def batches(self, most: int | None = None) -> Iterator[TickBatch]:
         """Yield the same, each as a batch."""

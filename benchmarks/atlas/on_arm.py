@@ -86,9 +86,8 @@ def overrides(extreme: ArmExtreme) -> dict[str, Any]:
 
 
 def _check(snapshot: Snapshot) -> None:
-    ledger = snapshot.ledger
-    numbers = [snapshot.node_position.ravel(), snapshot.joint_position, ledger.wrench.force,
-               ledger.wrench.torque, snapshot.body_position.ravel(), snapshot.tip_position]  # fmt: skip
+    numbers = [snapshot.node_position.ravel(), snapshot.joint_position, snapshot.wrench.force,
+               snapshot.wrench.torque, snapshot.body_position.ravel(), snapshot.tip_position]  # fmt: skip
     if not np.isfinite(np.concatenate(numbers)).all():
         raise ArithmeticError("a number that is not finite left the loop")
     far = float(np.linalg.norm(snapshot.tip_position - snapshot.world_from_flange.translation))
@@ -106,7 +105,7 @@ def probe_arm(extreme: ArmExtreme) -> Verdict:
             _check(snapshot)
             kept[:] = [snapshot]
             ticks += 1
-            iterations += snapshot.ledger.newton_iterations if ticks > 1 else 0
+            iterations += snapshot.newton_iterations if ticks > 1 else 0
         return iterations / max(ticks - 1, 1)
 
     return judged(run, lambda: not kept or bool(np.isfinite(kept[0].node_position).all()))

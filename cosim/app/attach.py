@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.app.driver import log, named_body, prepared
 from cosim.base import kept_parts, state_file
+from cosim.base.columns import TickRow, TickTable
 from cosim.base.frames import Array, IntArray, Wrench
 from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
 from cosim.config.loading import load_scenario, load_soft_robot
@@ -28,7 +29,6 @@ from cosim.errors import InputError, SolverError
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody
-    from cosim.coupling.schemes.ledger import LedgerEntry
     from cosim.devices.controller import Measurement
     from cosim.plan.commands import SoftCommand
     from cosim.rigid.scene.host_scene import Data, HostModel, HostScene, HostSource, Model
@@ -97,7 +97,7 @@ class _Hung:
     carrier: HostCarrier
     parts: Parts
     loads: Loads
-    ledger: LedgerEntry | Callable[[], LedgerEntry]
+    ledger: TickRow | Callable[[], TickRow]
     ahead: tuple[SoftCommand, ...] = ()
     ahead_tick: int = 0
     tick: int = 0
@@ -207,7 +207,7 @@ class Attached:
             except SolverError as error:
                 where = f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s"
                 raise error.at(where) from error.__cause__
-            run.tick, run.ledger = run.tick + 1, run.carrier.last_entry
+            run.tick, run.ledger = run.tick + 1, run.carrier.last_tick
         run.steps, run.stage = steps, _Stage.BETWEEN
 
     def step(self, model: Model, data: Data, steps: int = 1) -> None:
@@ -255,7 +255,7 @@ class Attached:
 
     def _begun(self, model: Model, data: Data) -> _Hung:
         from cosim.build.simulation import build_hosted  # here, see above
-        from cosim.coupling.schemes.ledger import LedgerEntry
+        from cosim.coupling.ticks import rest_columns, sizes_of
 
         scene = self._host.scene(model, data)
         carrier, parts = build_hosted(self.scenario, self._model, scene)
@@ -266,16 +266,14 @@ class Attached:
                 f"{deep}; move the mount, whose z axis it hangs along, or attach with "
                 'overrides={"contact.enabled": False}'
             )
-        ledger = LedgerEntry(
-            found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
-        )
         self._check_far(scene, found.state.positions)
         carrier.couple(found.wrench)
         parts.plan.phases[0].holding.apply(parts.soft, carrier.flange_pose)
         parts.commands.begin_phase(0)
         for command, ticks in self._waiting:
             parts.commands.command(command, ticks)
-        run = _Hung(scene, carrier, parts, loads, ledger)
+        sizes = sizes_of(0, len(scene.body_names), len(parts.soft.pressures_Pa))
+        run = _Hung(scene, carrier, parts, loads, TickRow(TickTable(rest_columns(found, sizes))))
         self._hung, self._waiting = run, []
         return run
 
@@ -360,7 +358,7 @@ class Attached:
         return self._run.carrier.far_wrench
 
     @property
-    def ledger(self) -> LedgerEntry:
+    def ledger(self) -> TickRow:
         """What was exchanged in the last tick."""
         ledger = self._run.ledger
         return ledger() if callable(ledger) else ledger

@@ -12,13 +12,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Annotated, Any, final
 
 import numpy as np
 
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
 from cosim.base import resources, state_file
+from cosim.base.column import check_arrays
 from cosim.base.files import changed_file, unfinished_files
+from cosim.base.frames import Array
 from cosim.base.kept_parts import code_identity
 from cosim.base.state import check_indices, check_state
 from cosim.config.schema.scenario import Scenario
@@ -36,6 +38,7 @@ def sizes_of(stage: RunInfo) -> dict[str, int]:
     return {
         "bodies": len(stage.body_names),
         "cables": len(stage.cables),
+        "joints": len(stage.joint_names),
         "chambers": len(stage.chamber_names),
         "readings": sum(len(sensor.values) for sensor in stage.sensors),
     }
@@ -47,7 +50,12 @@ def check_shown(snapshot: Snapshot, stage: RunInfo) -> None:
     Raises:
         InputError: it is not.
     """
-    check_state(snapshot, None, Snapshot, place="snapshot", sizes=sizes_of(stage), finite=False)
+    sizes, table = sizes_of(stage), snapshot.table
+    check_state(table, None, TickBatch, place="snapshot", sizes=sizes, finite=False)
+    check_arrays(table.arrays, TickBatch, 1, sizes, "snapshot")
+    check_state(table.film._shapes, None, Annotated[Array, (1, "k", 3)], place="snapshot.film", finite=False)
+    if table.film._reader is not None or len(table.devices) != 1:
+        raise InputError("snapshot.film has not been read, or is of several ticks")
     check_indices(np.array([snapshot.phase]), len(stage.phase_names), "phases")
     check_indices(np.array([snapshot.tick]), stage.ticks + 1, "ticks")
     for nodes in (stage.soft_triangles, *stage.cables):

@@ -25,7 +25,7 @@ from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
 from cosim.results.exports import PAYLOAD, JointTable, sample_times
 from cosim.results.result import RunResult, figure_kind, result_of
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import snapshot
 from cosim.telemetry.holding import held_parts
 
 if TYPE_CHECKING:
@@ -368,7 +368,7 @@ def _check_joints(rows: JointTable, stage: snapshot.RunInfo) -> int:
 
 def _driven(run: SteppedRun, steps: Sequence[tuple[Command, int]], frames_per_s: float) -> RunResult:
     """Return what a run shows that is commanded step by step."""
-    batches = [tick_batch.TickBatch.of([run.advance(1)])]
+    batches = [run.advance(1).table]
     try:
         for command, ticks in steps:
             run.command(command, ticks)

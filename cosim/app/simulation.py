@@ -188,7 +188,7 @@ class Simulation:
 
     def _again(self, ticks: int) -> Iterator[TickBatch]:
         """Yield the present state and some ticks that are known to be solved."""
-        yield TickBatch.of([self._snapshot])
+        yield self._snapshot.table
         for batch in self._run.batches(most=ticks):
             self._snapshot = batch.snapshot(-1)
             yield batch

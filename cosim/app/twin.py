@@ -49,7 +49,7 @@ class Prediction:
 
     Args:
         time_s: of the reading, on the robot's clock.
-        snapshot: of the simulation: tip, sag, the wrench on the flange in its `ledger`.
+        snapshot: of the simulation: tip, sag, the wrench on the flange.
         latency_s: from the arrival of the reading until this was there.
     """
 

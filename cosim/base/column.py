@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.names import TERMS
+from cosim.errors import InputError
 
 _Kind = TypeVar("_Kind")
-How = Literal["sum", "count", "largest", "since"]
-_INITIAL: Final[dict[How, float]] = {"sum": 0, "count": 0, "largest": 0.0, "since": np.nan}
+How = Literal["sum", "count", "largest", "since", "end"]
+_INITIAL: Final[dict[str, float]] = {"sum": 0, "count": 0, "largest": 0.0, "since": np.nan}
 _FIXED: Final[dict[str, Sequence[str]]] = {
     "3": ("x", "y", "z"),
     "4": ("w", "x", "y", "z"),
@@ -28,7 +29,8 @@ class RunFigure:
 
     Args:
         name: key in summary.json.
-        how: "sum"; "count" of the ticks that are not 0; "largest" magnitude; "since", the first time above 0.
+        how: "sum"; "count" of the ticks that are not 0; "largest" magnitude; "since", the first time above 0;
+            of every phase: "end", the value at its last tick.
         meaning: in words.
     """
 
@@ -94,6 +96,53 @@ class Columns:
 
     arrays: Mapping[str, NDArray[Any]]
 
+    def value_of(self, column: "Column") -> Any:
+        """Return the array of a column, or that computed from the others.
+
+        Raises:
+            AttributeError: it is stored, and not here.
+        """
+        found = self.arrays.get(column.name)
+        if found is not None:
+            return found
+        if column.read is None:
+            raise AttributeError(f"this {type(self).__name__} has no column '{column.name}'")
+        return column.read(self)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Row(Columns):
+    """A row of a table: its columns are attributes, single numbers, or arrays that nobody can write to.
+
+    Args:
+        table: of this row alone.
+    """
+
+    table: Columns
+
+    def value_of(self, column: "Column") -> Any:
+        """Return the value of a column in this row."""
+        value = self.table.value_of(column)[0]
+        if column.single is not None:
+            shown = column.single(value)
+        elif isinstance(value, np.ndarray):
+            shown = value.view()
+            shown.setflags(write=False)
+        else:
+            shown = value.item()
+        # an instance's own attributes are found before those of its class, which know how to be computed
+        vars(self)[column.name] = shown
+        return shown
+
+    def __repr__(self) -> str:
+        """Return the stored columns, each with its value."""
+        values = ", ".join(f"{name}={getattr(self, name)!r}" for name in self.table.arrays)
+        return f"{type(self).__name__}({values})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what is pickled: the table, without what has been read of it."""
+        return type(self), (self.table,)
+
 
 @final
 class Column:
@@ -106,7 +155,9 @@ class Column:
         meaning: in words.
         reduce: figures of the summary.
         kind: of its numbers.
+        empty: its value in rows that nothing fills; 0 unless given.
         read: computes it from the other columns of some ticks; None for one that is stored.
+        single: how a row shows its value (...); None: as a number or an array.
         view: how recordings plot it; None: they do not.
         topic: of ROS bags, under which each entry is published by name; empty for none.
     """
@@ -118,13 +169,16 @@ class Column:
         meaning: str,
         *reduce: RunFigure,
         kind: type[np.generic] = np.float64,
+        empty: float | str = 0,
         read: Callable[[Any], NDArray[Any]] | None = None,
+        single: Callable[[NDArray[Any]], Any] | None = None,
         view: View | None = None,
         topic: str = "",
     ) -> None:
         self.name = ""
         self.axes, self.unit, self.meaning, self.kind = tuple(axes.split(", ")), unit, meaning, kind
-        self.read, self.reduce, self.view, self.topic = read, reduce, view, topic
+        self.empty, self.read, self.single = empty, read, single
+        self.reduce, self.view, self.topic = reduce, view, topic
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -132,16 +186,17 @@ class Column:
     @overload
     def __get__(self, held: None, owner: type) -> "Column": ...
     @overload
+    def __get__(self, held: Row, owner: type) -> Any: ...
+    @overload
     def __get__(self, held: Columns, owner: type) -> NDArray[Any]: ...
-    def __get__(self, held: Columns | None, owner: type) -> "Column | NDArray[Any]":
-        if held is None:
-            return self
-        found = held.arrays.get(self.name)
-        if found is not None:
-            return found
-        if self.read is None:
-            raise AttributeError(f"this {owner.__name__} has no column '{self.name}'")
-        return self.read(held)
+    def __get__(self, held: Columns | None, owner: type) -> Any:
+        return self if held is None else held.value_of(self)
+
+    def shape(self, rows: int, sizes: Mapping[str, int]) -> tuple[int, ...] | None:
+        """Return the shape of some rows, with the sizes of their axes by name; None where one is unknown."""
+        along = [int(axis) if axis.isdigit() else sizes.get(axis) for axis in self.axes[1:]]
+        known = [size for size in along if size is not None]
+        return (rows, *known) if len(known) == len(along) else None
 
     def components(self, names: Mapping[str, Sequence[str]], shape: tuple[int, ...]) -> list[str]:
         """Return a name for every number of a row, such as "tool.x"; none for a column of single numbers.
@@ -173,6 +228,49 @@ def columns_of(kind: type) -> dict[str, Column]:
     return found
 
 
+def room_for(kind: type, sizes: Mapping[str, int]) -> Callable[[int], dict[str, NDArray[Any]]]:
+    """Return a function that makes arrays for some rows of a table's stored columns, by name.
+
+    Args:
+        kind: class of the table.
+        sizes: entries along axes; columns along other ones are left out.
+    """
+    known = []
+    for name, column in columns_of(kind).items():
+        shape = None if column.read else column.shape(0, sizes)
+        if shape is not None:
+            text = isinstance(column.empty, str)
+            known.append((name, shape[1:], np.array(column.empty).dtype if text else np.dtype(column.kind)))
+    empty = {name: column.empty for name, column in columns_of(kind).items() if column.empty}
+
+    def room(rows: int) -> dict[str, NDArray[Any]]:
+        arrays = {name: np.zeros((rows, *shape), dtype) for name, shape, dtype in known}
+        for name in empty:
+            arrays[name].fill(empty[name])
+        return arrays
+
+    return room
+
+
+def check_arrays(
+    arrays: Mapping[str, NDArray[Any]], kind: type, rows: int, sizes: Mapping[str, int], place: str
+) -> None:
+    """Check the arrays of a table, as a file may hold them.
+
+    Raises:
+        InputError: one is missing, unknown, or of another kind or shape.
+    """
+    stored = {name: column for name, column in columns_of(kind).items() if column.read is None}
+    if arrays.keys() != stored.keys():
+        raise InputError(f"{place} has {', '.join(arrays)}, not {', '.join(stored)}")
+    for name, column in stored.items():
+        array, wanted = arrays[name], column.shape(rows, sizes)
+        if np.dtype(column.kind).kind != array.dtype.kind:
+            raise InputError(f"{place}.{name} holds {array.dtype}, not {np.dtype(column.kind).name}")
+        if len(array) != rows or (wanted is not None and array.shape != wanted):
+            raise InputError(f"{place}.{name} has shape {array.shape}, not {wanted}")
+
+
 def listing_columns(kind: type[_Kind]) -> type[_Kind]:
     """Return a class with its columns listed in its docstring, each with shape, unit and meaning."""
     entries = [f"        {name}: {column!r}" for name, column in columns_of(kind).items()]
@@ -181,7 +279,14 @@ def listing_columns(kind: type[_Kind]) -> type[_Kind]:
 
 
 def figures_of(kind: type) -> Iterator[tuple[Column, RunFigure]]:
-    """Yield the figures of a class's columns, each with its column."""
-    for column in columns_of(kind).values():
-        for figure in column.reduce:
-            yield column, figure
+    """Yield the figures over all ticks of a class's columns, each with its column."""
+    return ((column, figure) for column, figure in _reduced(kind) if figure.how != "end")
+
+
+def ends_of(kind: type) -> Iterator[tuple[Column, RunFigure]]:
+    """Yield the figures of a phase's end of a class's columns, each with its column."""
+    return ((column, figure) for column, figure in _reduced(kind) if figure.how == "end")
+
+
+def _reduced(kind: type) -> Iterator[tuple[Column, RunFigure]]:
+    return ((column, figure) for column in columns_of(kind).values() for figure in column.reduce)

@@ -1,12 +1,14 @@
 """The columns of a run: one table that ticks, results, summary, files, recordings and documentation read."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.base.column import Column, Columns, RunFigure, View
-from cosim.base.frames import Array, IntArray, quaternions_from_rotations
+from cosim.base.column import Column, Columns, Row, RunFigure, View
+from cosim.base.frames import Array, IntArray, Mask, Twist, Wrench, quaternions_from_rotations
 
 _NONE: Final = np.zeros(0)
 _XYZ: Final = ("vermilion", "green", "sky")
@@ -37,6 +39,22 @@ def _of_devices(ticks: Any, read: Callable[[Any], Array]) -> Array:
     return np.array([_NONE if report is None else read(report) for report in ticks.devices])
 
 
+def _has_tip_target(ticks: Any) -> Mask:
+    return np.asarray(~np.isnan(ticks.tip_target).all(axis=1))
+
+
+def _target(row: Array) -> Array | None:
+    return None if np.isnan(row).all() else row
+
+
+def _twist(row: Array) -> Twist:
+    return Twist(row[:3], row[3:])
+
+
+def _wrench(row: Array) -> Wrench:
+    return Wrench(row[:3], row[3:])
+
+
 def _target_distance_m(ticks: Any) -> Array:
     away = ticks.tip_position - ticks.tip_target
     away[np.isnan(away)] = 0.0
@@ -47,9 +65,12 @@ class RunColumns(Columns):
     """The columns of a result, which files hold as well; world frame, SI units."""
 
     tick = Column("rows", "1", "count of ticks, 0 before the first one.", kind=np.int64)
-    time_s = Column("rows", "s", "simulated time.")
+    time_s = Column("rows", "s", "simulated time.", RunFigure("end_s", "end", "simulated time [s]"))
     phase = Column("rows", "1", "index into `stage.phase_names`.", kind=np.int64)
-    joint_position = Column("rows, joints", "rad", "of the arm; a joint that slides has metres.")
+    joint_position = Column(
+        "rows, joints", "rad", "of the arm; a joint that slides has metres.",
+        RunFigure("joint_position_rad", "end", "list, arm joints [rad]"),
+    )  # fmt: skip
     joint_velocity = Column("rows, joints", "rad/s", "in statics the mean one over the increment.")
     joint_torque = Column(
         "rows, joints", "N m", "that the servos gave in the tick; at rest, their holding torque.",
@@ -60,9 +81,13 @@ class RunColumns(Columns):
     body_contact_force = Column(
         "rows, bodies, 3", "N", "of the soft robot's contacts on each body, world axes.",
     )  # fmt: skip
-    flange_position = Column("rows, 3", "m", "of its origin, world.")
+    flange_position = Column(
+        "rows, 3", "m", "of its origin, world.",
+        RunFigure("flange_position_m", "end", "origin of the flange [m]"),
+    )  # fmt: skip
     flange_quaternion = Column(
         "rows, 4", "1", "(w, x, y, z), world from flange.",
+        RunFigure("flange_quaternion", "end", "(w, x, y, z), world from flange"),
         read=lambda ticks: quaternions_from_rotations(ticks.flange_rotation),
     )  # fmt: skip
     flange_force = Column(
@@ -81,24 +106,44 @@ class RunColumns(Columns):
     soft_inertia = Column("rows, 3, 3", "kg m^2", "of the soft robot about that, world axes.")
     tip_position = Column(
         "rows, 3", "m", "centre of the last hole ring.",
+        RunFigure("tip_position_m", "end", "mean of the last hole ring [m]"),
         read=lambda ticks: ticks.film.figures.tip_position,
         view=View("Robot", 3, "tip_position", "Tip position, world [mm]", 1e3, colours=_XYZ),
     )  # fmt: skip
     tip_direction = Column(
         "rows, 3", "1", "its unit normal.",
+        RunFigure(
+            "tip_direction", "end",
+            "unit vector away from the base: normal of the last hole ring, or of a flat tip as "
+            "`tip_measured_by` says",
+        ),
         read=lambda ticks: ticks.film.figures.tip_direction,
     )  # fmt: skip
     sag_m = Column(
         "rows", "m", "distance of the tip from where a straight arm along the flange's axis would have it.",
+        RunFigure(
+            "sag_m", "end",
+            "distance of the tip from where a straight, rigid arm of the same length along the flange's z "
+            "axis would have it [m]",
+        ),
         read=_sag_m,
         view=View("Robot", 4, "sag", "Sag [mm]", 1e3, "sag", ("orange",)),
     )  # fmt: skip
     pressure_Pa = Column(
         "rows", "Pa", "gauge, in the first chamber; of a sealed gas at its present volume.",
+        RunFigure(
+            "pressure_Pa", "end",
+            "gauge pressure in the chamber, whether given or that of a sealed gas; of several, in the first "
+            "[Pa]",
+        ),
         read=lambda ticks: ticks.chamber_pressure_Pa[:, 0],
     )  # fmt: skip
     volume_m3 = Column(
         "rows", "m^3", "of all chambers.",
+        RunFigure(
+            "volume_m3", "end",
+            "volume of the chamber, holes closed by flat caps; of several, their sum [m^3]",
+        ),
         read=lambda ticks: ticks.chamber_volume_m3.sum(axis=1),
     )  # fmt: skip
     chamber_pressure_Pa = Column(
@@ -113,6 +158,7 @@ class RunColumns(Columns):
     )  # fmt: skip
     cable_tension_N = Column(
         "rows, cables", "N", "at the base end.",
+        RunFigure("cable_tension_N", "end", "list, tension at the base end of each cable [N]"),
         topic="tension_N",
         view=View("Robot", 2, "tension", "Cable tension [N]", label="cable"),
     )  # fmt: skip
@@ -238,17 +284,13 @@ class TickColumns(RunColumns):
     the one before.
     """
 
-    film: Any
-    """Where it is, see `FilmShapes`."""
-    devices: Sequence[Any]
-    """Of each tick, see `ActuationReport`; None where a scenario has none."""
-    pieces: Mapping[int, Any]
-    """Of ticks that were taken in pieces, by row, see `TickPieces`."""
-
     flange_rotation = Column("rows, 3, 3", "1", "world from flange.")
-    flange_twist = Column("rows, 6", "m/s", "linear and angular [rad/s], of the flange's origin, world axes.")
+    flange_twist = Column(
+        "rows, 6", "m/s", "linear and angular [rad/s], of the flange's origin, world axes.", single=_twist,
+    )  # fmt: skip
     wrench = Column(
         "rows, 6", "N", "force and torque [N m] of the soft robot on the flange, at its origin, world axes.",
+        single=_wrench,
     )  # fmt: skip
     mounted_load = Column(
         "rows, 6", "N",
@@ -265,8 +307,18 @@ class TickColumns(RunColumns):
     node_position = Column(
         "rows, nodes, 3", "m", "of the film, world.", read=lambda ticks: ticks.film.node_position()
     )
-    tip_target = Column("rows, 3", "m", "world; NaN in free components, and without a target.")
-    has_tip_target = Column("rows", "1", "whether there is one.", kind=np.bool_)
+    center_line_m = Column(
+        "rows", "m", "length of the polyline through the centres of the hole rings.",
+        RunFigure(
+            "length_m", "end",
+            "length of the line through the centres of the rings, from the base to the tip [m]",
+        ),
+        read=lambda ticks: ticks.film.figures.center_line_m,
+    )  # fmt: skip
+    tip_target = Column(
+        "rows, 3", "m", "world; NaN in free components, and without a target.", empty=np.nan, single=_target,
+    )  # fmt: skip
+    has_tip_target = Column("rows", "1", "whether there is one.", kind=np.bool_, read=_has_tip_target)
     target_distance_m = Column(
         "rows", "m",
         "of the tip from its target in the components that are not free; NaN without a target.",
@@ -333,11 +385,11 @@ class TickColumns(RunColumns):
         "contact that the tick resolves least; 0 without one.",
     )  # fmt: skip
     hit_way_m = Column("rows", "m", "way of that body in a step that would resolve it.")
-    hit_body = Column("rows", "1", "index of the body; -1 for no hit.", kind=np.int64)
-    scheme = Column("rows", "1", "of the exchange in the tick.", kind=np.str_)
+    hit_body = Column("rows", "1", "index of the body; -1 for no hit.", kind=np.int64, empty=-1)
+    scheme = Column("rows", "1", "of the exchange in the tick.", kind=np.str_, empty="staggered")
     trials = Column(
         "rows", "1", "how often the tick was taken until the loads agreed; 1 in the staggered exchange.",
-        kind=np.int64,
+        kind=np.int64, empty=1,
     )  # fmt: skip
     iterated_trials = Column(
         "rows", "1", "the same of ticks that were repeated until the loads agreed; 0 for the others.",
@@ -360,3 +412,25 @@ class TickColumns(RunColumns):
             "over their size",
         ),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class TickTable(TickColumns):
+    """Ticks, one row each; its columns are attributes.
+
+    Args:
+        arrays: columns that are stored, by name.
+    """
+
+    arrays: Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TickRow(Row, TickColumns):
+    """One tick: its columns are attributes, `wrench` a `Wrench`, `flange_twist` a `Twist`.
+
+    Args:
+        table: of this tick alone.
+    """
+
+    table: TickTable

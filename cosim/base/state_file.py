@@ -183,12 +183,12 @@ def _encoded(tree: Any, place: str, arrays: dict[int, tuple[str, NDArray[Any]]])
         if tree.dtype.hasobject:
             raise TypeError(f"{place} is an array of objects, which no saved state can hold")
         return {"array": arrays.setdefault(id(tree), (f"array_{len(arrays)}", tree))[0]}
-    parts = entries(tree)
-    if parts is None or (isinstance(tree, Mapping) and not all(isinstance(key, str) for key in tree)):
+    parts, kinds = entries(tree), set(map(type, tree)) if isinstance(tree, Mapping) else set()
+    if parts is None or kinds - {str, int} or len(kinds) > 1:
         raise TypeError(f"{place} is a {type(tree).__name__}, which no saved state can hold")
     inner = {name: _encoded(part, place + name, arrays) for name, part in parts}
     if isinstance(tree, Mapping):
-        return {"dict": dict(zip(tree, inner.values(), strict=True))}
+        return {"by_number" if int in kinds else "dict": dict(zip(tree, inner.values(), strict=True))}
     if not is_record(type(tree)):
         return {"tuple" if isinstance(tree, tuple) else "list": list(inner.values())}
     own = dict(zip(field_names(type(tree)), inner.values(), strict=True))
@@ -222,6 +222,8 @@ def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
         return [_decoded(item, arrays) for item in value["list"]]
     if "dict" in value:
         return {key: _decoded(item, arrays) for key, item in value["dict"].items()}
+    if "by_number" in value:
+        return {int(key): _decoded(item, arrays) for key, item in value["by_number"].items()}
     name = value["enum"] if "enum" in value else value["class"]
     kind = _find_class(name)
     if kind is None:

@@ -21,7 +21,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
-from cosim.telemetry.snapshot import RunInfo, Snapshot, UnreadFilmShape
+from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _ROUNDING: Final = 1e-12
@@ -333,15 +333,10 @@ def _swings(here: Snapshot, body: SoftBody, shapes: list[Array]) -> Iterator[Tic
     reader, rest = MeshReader(body, FilmPotential(body).gas.enclosed_volumes), np.array(here.node_position)
     swing = _SWING * float(np.ptp(rest, axis=0).max())
     turns = np.exp(4j * np.pi * np.arange(_FRAMES) / _FRAMES)
+    still = replace(here.table, footing={}, branchings={}, overlaps={}, images={})
+    frames = still.some(np.zeros(_FRAMES, np.int64)).changed(tip_target=np.full((_FRAMES, 3), np.nan))
     for k, shape in enumerate(shapes):
         films = [np.ascontiguousarray(rest + swing * (shape * turn).real) for turn in turns]
-        yield TickBatch.of([
-            _frame(here, UnreadFilmShape(reader, film), k, k * _FRAMES + j) for j, film in enumerate(films)
-        ])  # fmt: skip
-
-
-def _frame(here: Snapshot, film: UnreadFilmShape, mode: int, tick: int) -> Snapshot:
-    return replace(
-        here, tick=tick, time_s=tick * _FRAME_s, phase=mode, film=film, footing=None, branchings=(),
-        overlaps=(), images=(), tip_target=None,
-    )  # fmt: skip
+        tick = np.arange(k * _FRAMES, (k + 1) * _FRAMES)
+        moved = frames.changed(tick=tick, time_s=tick * _FRAME_s, phase=np.full(_FRAMES, k))
+        yield replace(moved, film=FilmShapes(reader, films))

@@ -339,7 +339,7 @@ def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
     values, slopes = _values(wanted, soft.loads, model), RunSlopes(wanted, model, soft.full_state)
     for _ in range(simulation.ticks_left):
         snapshot = simulation.step()
-        if snapshot.ledger.contacts or snapshot.ledger.self_contacts:
+        if snapshot.contacts or snapshot.self_contacts:
             raise SensitivityError(
                 f"tick {snapshot.tick}: the soft robot touches something, which has no derivative in time; "
                 "move it away, or set contact.enabled = false and contact.self_contact = false"

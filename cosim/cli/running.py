@@ -328,7 +328,7 @@ def _tell_new(notes: Mapping[str, int], noted: frozenset[str]) -> frozenset[str]
 
 
 def _recorded(recorder: Recorder) -> Callable[[Prediction], None]:
-    return lambda prediction: recorder.record(TickBatch.of([prediction.snapshot]))
+    return lambda prediction: recorder.record(prediction.snapshot.table)
 
 
 def prediction_line(seen: Prediction) -> str:

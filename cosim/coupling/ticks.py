@@ -1,26 +1,30 @@
-"""What ticks are asked for and what they leave: arrays with a row for each tick, columns with the film."""
+"""What ticks are asked for, and what they leave: the columns of the table that the exchange fills."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Mask, Wrench
+from cosim.base.column import room_for
+from cosim.base.columns import TickColumns, TickRow, TickTable
+from cosim.base.frames import Array, Wrench
 from cosim.base.kernel_types import Blocks, Matrix
-from cosim.base.kernels import unchecked
-from cosim.coupling.schemes.ledger import LedgerEntry, Scheme, TickPieces
+from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.coupling.tick_rows import SceneRows, Ticks, log_rigid
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
     from cosim.coupling.contact.contact_arrays import BodyLoads
     from cosim.rigid.scene.coupled_scene import CoupledScene
+    from cosim.soft.solve.state import Equilibrium
+
+
+_LINEAR_FIRST: Final = np.array([3, 4, 5, 0, 1, 2])
 
 
 class Servos(NamedTuple):
@@ -68,74 +72,68 @@ class ServoRow(NamedTuple):
     by_payload: Array
 
 
+def scene_columns(scene: CoupledScene) -> dict[str, Array]:
+    """Return where a scene is, by column: views of MuJoCo's arrays, which stay where they are in memory."""
+    joints, speeds, torques = scene.joint_rows
+    places, quaternions = scene.place_rows
+    return {
+        "joint_position": joints,
+        "joint_velocity": speeds,
+        "joint_torque": torques,
+        "flange_position": scene.flange.origin,
+        "flange_rotation": scene.flange.axes,
+        "body_position": places,
+        "body_quaternion": quaternions,
+        "mounted_load": scene.mounted,
+    }
+
+
 @final
-@dataclass
-class TicksTaken:
-    """How far both sides have come in one call, and what its ticks have left.
+class TicksTaken(TickColumns):
+    """How far both sides have come in one call, and what its ticks have left: columns with a row for each.
 
     Args:
-        ticks: what they leave; rows beyond the last one hold nothing.
-        pressure_Pa: (n, chambers), gauge.
-        stability_ratio: (n,), see `LedgerEntry`, as for all that follow down to `interface_residual`.
-        algorithmic_mass: (n,).
-        trials: (n,).
-        interface_residual: (n,).
-        scheme: of the exchange.
-        parts: shapes of the film, each as `SoftSide.shape_now` returns it, some ticks together.
-        pieces: of ticks that were taken in pieces, by their rows.
-        done: how many ticks have been taken.
-        error: what the next one has failed with, half done; None for nothing.
+        arrays: room for the columns that the exchange fills, by name; see `room_for`.
     """
 
-    ticks: Ticks
-    pressure_Pa: Array
-    stability_ratio: Array
-    algorithmic_mass: Mask
-    trials: IntArray
-    interface_residual: Array
-    scheme: Scheme = "staggered"
-    parts: list[Sequence[Any]] = field(default_factory=list)
-    pieces: dict[int, TickPieces] = field(default_factory=dict)
-    done: int = 0
-    error: BaseException | None = None
-
-    @classmethod
-    def room(cls, n: int, joints: int, bodies: int, chambers: int) -> TicksTaken:
-        """Return room for n ticks."""
-        return cls(
-            Ticks.room(n, joints, bodies), np.zeros((n, chambers)), np.zeros(n), np.zeros(n, dtype=bool),
-            np.ones(n, np.int64), np.zeros(n),
-        )  # fmt: skip
+    def __init__(self, arrays: dict[str, NDArray[Any]]) -> None:
+        self.arrays = arrays
+        vars(self).update(arrays)  # found at once, without a look at the table
+        self.parts: list[Sequence[Any]] = []
+        """Shapes of the film, each as `SoftSide.shape_now` returns it, some ticks together."""
+        self.pieces: dict[int, TickPieces] = {}
+        """Of ticks that were taken in pieces, by their rows."""
+        self.done = 0
+        """How many ticks have been taken; rows beyond the last one hold nothing."""
+        self.error: BaseException | None = None
+        """What the next one has failed with, half done; None for nothing."""
 
     @property
     def shapes(self) -> Sequence[Any]:
         """(done,), of the film."""
         return self.parts[0] if len(self.parts) == 1 else list(chain.from_iterable(self.parts))
 
-    @property
-    def wrench(self) -> Array:
-        """(done, 6), of the soft side on the flange, at its origin, world axes."""
-        return self.ticks.figures[: self.done, WRENCH:CENTER]
-
     def log_scene(
-        self, scene: CoupledScene, rows: SceneRows, bodies: BodyLoads, momentum_error: float
+        self, scene: CoupledScene, rows: Mapping[str, Array], bodies: BodyLoads, momentum_error: float
     ) -> None:
         """Fill the row of the tick in progress with what its rigid step has led to.
 
         Args:
             scene: after the step.
-            rows: its own.
+            rows: its `scene_columns`.
             bodies: what has acted on them.
-            momentum_error: of what has acted, see `LedgerEntry`.
+            momentum_error: of what has acted.
         """
-        k, ticks = self.done, self.ticks
-        unchecked(log_rigid)(k, rows, scene.flange.spin, ticks)
-        ticks.momentum_error[k], ticks.work[k, 3] = momentum_error, scene.bodies.work_J
+        k, spin = self.done, scene.flange.spin
+        for name, value in rows.items():
+            self.arrays[name][k] = value
+        self.flange_twist[k] = spin[_LINEAR_FIRST]
+        self.momentum_error[k], self.bodies_work_J[k] = momentum_error, scene.bodies.work_J
         if np.count_nonzero(bodies.loaded):
             loaded = np.flatnonzero(bodies.loaded)
-            ticks.body_force[k, loaded] = bodies.applied[loaded, :3]
-            ticks.touch[k, loaded, 0] = bodies.pressing[loaded]
-        scene.read_touch(ticks.touch[k])
+            self.body_contact_force[k, loaded] = bodies.applied[loaded, :3]
+            self.body_touch[k, loaded, 0] = bodies.pressing[loaded]
+        scene.read_touch(self.body_touch[k])
 
     def end_tick(self, reply: SoftReply, soft: SoftSide, figures: Array) -> None:
         """Fill the row of the tick in progress with what the soft side has answered; the next one follows.
@@ -143,87 +141,52 @@ class TicksTaken:
         Args:
             reply: of the soft side.
             soft: after its step.
-            figures: (FIGURES,), see `Ticks`.
+            figures: (FIGURES,), wrench on the flange, centre and inertia of its mass.
         """
-        k, ticks, films = self.done, self.ticks, soft.touching
-        ticks.figures[k], ticks.residual[k], ticks.iterations[k] = figures, reply.residual_N, reply.iterations
-        ticks.work[k, 1:3] = reply.films_work_J, reply.eyelets_J
-        self.pressure_Pa[k] = soft.pressures_Pa
+        k, films = self.done, soft.touching
+        self.wrench[k], self.soft_center[k] = figures[WRENCH:CENTER], figures[CENTER:INERTIA]
+        self.soft_inertia[k] = figures[INERTIA:].reshape(3, 3)
+        self.residual_N[k], self.newton_iterations[k] = reply.residual_N, reply.iterations
+        self.self_contact_work_J[k], self.eyelets_J[k] = reply.films_work_J, reply.eyelets_J
+        self.chamber_pressure_Pa[k] = soft.pressures_Pa
         if films is not None:
-            ticks.self_contact[k] = films.count, films.normal_force_N, films.depth_m
+            self.self_contacts[k], self.self_contact_force_N[k] = films.count, films.normal_force_N
+            self.self_contact_depth_m[k] = films.depth_m
         self.parts.append([soft.shape_now()])
         self.done += 1
 
-    def last_entry(self) -> LedgerEntry:
-        """Return what was exchanged in the last tick."""
-        columns = {name: column.item(self.done - 1) for name, column in self.ledger().items()}
-        figures = self.wrench[-1]
-        return LedgerEntry(Wrench(figures[:3].copy(), figures[3:].copy()), **columns)
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of the ticks that have been taken, by name."""
+        return {name: array[: self.done] for name, array in self.arrays.items()}
 
-    def columns(self) -> dict[str, Any]:
-        """Return the columns of `TickColumns` that ticks fill, (done, ...) each."""
-        n, ticks = self.done, self.ticks
-        figures = ticks.figures[:n]
-        return {
-            "joint_position": ticks.joints[:n],
-            "joint_velocity": ticks.joint_speed[:n],
-            "joint_torque": ticks.servo_torque[:n],
-            "body_position": ticks.places[:n],
-            "body_quaternion": ticks.quaternions[:n],
-            "body_contact_force": ticks.body_force[:n],
-            "flange_position": ticks.origin[:n],
-            "flange_rotation": ticks.axes[:n],
-            "flange_twist": ticks.twist[:n],
-            "wrench": figures[:, WRENCH:CENTER],
-            "soft_center": figures[:, CENTER:INERTIA],
-            "soft_inertia": figures[:, INERTIA:].reshape(-1, 3, 3),
-            "chamber_pressure_Pa": self.pressure_Pa[:n],
-            "mounted_load": ticks.mounted[:n],
-            "body_touch": ticks.touch[:n],
-            **self.ledger(),
-        }
+    def last(self) -> TickRow:
+        """Return the last tick, without what follows from the film's shape."""
+        row = slice(self.done - 1, self.done)
+        return TickRow(TickTable({name: array[row].copy() for name, array in self.arrays.items()}))
 
-    def ledger(self) -> dict[str, Any]:
-        """Return the columns (done,) of `LedgerEntry`, without the wrench."""
-        n, ticks = self.done, self.ticks
-        return {
-            "rigid_power_W": ticks.power[:n, 0],
-            "soft_power_W": ticks.power[:n, 1],
-            "power_size_W": ticks.power[:n, 2],
-            "residual_N": ticks.residual[:n],
-            "newton_iterations": ticks.iterations[:n],
-            "momentum_error": ticks.momentum_error[:n],
-            "contacts": ticks.contacts[:n],
-            "contact_force_N": ticks.contact[:n, 0],
-            "contact_depth_m": ticks.contact[:n, 1],
-            "contact_ratio": ticks.contact[:n, 2],
-            "stability_ratio": self.stability_ratio[:n],
-            "algorithmic_mass": self.algorithmic_mass[:n],
-            "self_contacts": ticks.self_contact[:n, 0].astype(np.int64),
-            "self_contact_force_N": ticks.self_contact[:n, 1],
-            "self_contact_depth_m": ticks.self_contact[:n, 2],
-            "contact_work_J": ticks.work[:n, 0],
-            "self_contact_work_J": ticks.work[:n, 1],
-            "eyelets_J": ticks.work[:n, 2],
-            "bodies_work_J": ticks.work[:n, 3],
-            "hit_m_s": ticks.hit[:n, 0],
-            "hit_way_m": ticks.hit[:n, 1],
-            "hit_body": ticks.hit[:n, 2].astype(np.int64),
-            "scheme": np.full(n, self.scheme),
-            "trials": self.trials[:n],
-            "interface_residual": self.interface_residual[:n],
-            "slides": np.zeros(n, np.int64),
-        }
+
+def sizes_of(joints: int, bodies: int, chambers: int) -> dict[str, int]:
+    """Return the sizes of the columns that the exchange fills; there is no balance of energy yet."""
+    return {"joints": joints, "bodies": bodies, "chambers": chambers, "energies": 0}
+
+
+def rest_columns(found: Equilibrium, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
+    """Return the columns (1, ...) of the exchange at rest in an equilibrium of the soft side, by name."""
+    arrays = room_for(TickColumns, sizes)(1)
+    arrays["wrench"][0, :3], arrays["wrench"][0, 3:] = found.wrench.force, found.wrench.torque
+    arrays["residual_N"][0], arrays["newton_iterations"][0] = found.residual_N, found.iterations
+    arrays["slides"][0] = found.slides
+    return arrays
 
 
 def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
-    """Return the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
+    """Return the figures (FIGURES,) of a soft side with its wrench on the flange."""
     figures = np.empty(FIGURES)
     fill_figures(soft, wrench, figures)
     return figures
 
 
 def fill_figures(soft: SoftSide, wrench: Wrench, figures: Array) -> None:
-    """Fill the figures (FIGURES,) of a soft side with its wrench on the flange, see `Ticks`."""
+    """Fill the figures (FIGURES,) of a soft side with its wrench on the flange."""
     figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
     soft.fill_mass(figures)

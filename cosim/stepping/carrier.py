@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from cosim.base.column import room_for
+from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.coupling.ticks import Servos, TicksTaken, figures_of
+from cosim.coupling.ticks import Servos, TicksTaken, figures_of, sizes_of
 from cosim.errors import SolverError
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.static_plan import AnyFlangeMotion
@@ -235,6 +237,7 @@ class HeldBase(Carrier):
 
     def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
         self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
+        self._room = room_for(TickColumns, sizes_of(joints=0, bodies=0, chambers=len(soft.pressures_Pa)))
         self.state = HeldBaseState(Wrench())
         """What the next step depends on."""
 
@@ -272,8 +275,8 @@ class HeldBase(Carrier):
 
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         """Advance by one tick: each takes long."""
-        taken = TicksTaken.room(1, 0, 0, len(self._soft.pressures_Pa))
-        taken.ticks.origin[0], taken.ticks.axes[0] = self._pose.translation, self._pose.rotation
+        taken = TicksTaken(self._room(1))
+        taken.flange_position[0], taken.flange_rotation[0] = self._pose.translation, self._pose.rotation
         reply = self._soft.advance(self._pose, loads[0], self._tick_s)
         self.state = HeldBaseState(reply.wrench)
         taken.end_tick(reply, self._soft, figures_of(self._soft, reply.wrench))

@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist
-from cosim.coupling.schemes.ledger import Clock, LedgerEntry
-from cosim.coupling.tick_rows import Ticks
+from cosim.base.frames import Array, Pose
+from cosim.coupling.schemes.ledger import Clock
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.film_look import ArmsLook
 from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
-from cosim.stepping.parts import Parts, TickState
+from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
-from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
+from cosim.telemetry.snapshot import FilmShapes, RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -147,7 +146,7 @@ class DynamicSimulation(SteppedRun):
     def _forget_ahead(self) -> None:
         self._ahead = None
 
-    def _start(self, began: float) -> Snapshot:
+    def _start(self, began: float) -> TickBatch:
         parts, self._state = self._parts, DynamicState()
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
@@ -157,16 +156,10 @@ class DynamicSimulation(SteppedRun):
             raise InstabilityError(
                 f"{deep}, and would be thrown out; move the flange or that body, or start at another pressure"
             )
-        ledger = LedgerEntry(
-            found.wrench, 0.0, 0.0, found.residual_N, found.iterations, 0.0, False, slides=found.slides
-        )
-        still, torque = np.zeros_like(plan.joints), carrier.hold(found.wrench)
-        moment = TickState(
-            0, 0.0, 0, plan.joints, loads, carrier.flange_pose, Twist(), still, torque,
-            branchings=found.branchings,
-        )  # fmt: skip
+        torque = carrier.hold(found.wrench)
         carrier.couple(found.wrench)
-        return parts.snapshot(moment, ledger, time.perf_counter() - began)
+        given = {"tick": 0, "time_s": 0.0, "phase": 0, "joint_target": plan.joints, "joint_torque": torque}
+        return parts.at_rest(found, given, began, branchings=found.branchings)
 
     def _take(self, to: Cursor, most: int) -> TickBatch:
         carrier = self._parts.carrier
@@ -226,11 +219,11 @@ class DynamicSimulation(SteppedRun):
         loads = [parts.loads(command) for command in commands.soft]
         return _Asked(to.phase, to.done, parts.carrier.servos(commands.joints), loads, ahead)
 
-    def _link_contacts(self, ticks: Ticks, first: int, count: int) -> "dict[int, tuple[LinkContact, ...]]":
+    def _link_contacts(self, taken: TicksTaken, first: int) -> "dict[int, tuple[LinkContact, ...]]":
         """Return what the arm's links touch in ticks from the first one on, by row."""
-        search = self._parts.carrier.link_contacts_in
-        looked = self._parts.looks_at_links(first, count)
-        found = {k: search(ticks.joints[k], ticks.places[k], ticks.quaternions[k]) for k in looked}
+        search, seen = self._parts.carrier.link_contacts_in, self._parts.looks_at_links(first, taken.done)
+        places = taken.joint_position, taken.body_position, taken.body_quaternion
+        found = {k: search(*(rows[k] for rows in places)) for k in seen}
         return {k: contacts for k, contacts in found.items() if contacts}
 
     def _undecided(
@@ -245,15 +238,15 @@ class DynamicSimulation(SteppedRun):
             known: of the last one of a phase, and in which ticks the tip has moved all at once.
         """
         ends, sudden = known
-        count, ticks, soft = self._counts[to.phase], taken.ticks, self._parts.soft
+        count, soft = self._counts[to.phase], self._parts.soft
         ramp = min(count, round(self._parts.plan.phases[to.phase].phase.duration_s / self.stage.tick_s))
         looked = [math.ceil(share * ramp) for share in _TESTED_AT] if ramp >= _TESTED_RAMP_TICKS else []
         places = {at - to.done for at in looked if at < count}
         regular = {row for row in places if 0 <= row < taken.done}
         found = {row: footing.unstable for row, footing in ends.items()}
         for row in {*regular, *sudden} - ends.keys():
-            if not ticks.contacts[row]:
-                flange = Pose(ticks.axes[row], ticks.origin[row])
+            if not taken.contacts[row]:
+                flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
                 found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
         large: dict[int, tuple[Branching, ...]] = {
             row: (
@@ -275,24 +268,24 @@ class DynamicSimulation(SteppedRun):
         """Return the ticks in which the tip, seen from the flange, has become much faster than before."""
         if self._parts.scenario.fidelity == "rigid":  # its tip stays where it is
             return []
-        ticks, last = taken.ticks, slice(0, taken.done)
-        seen = np.einsum("kr,krs->ks", film.tip_position - ticks.origin[last], ticks.axes[last])
+        origin, axes = taken.flange_position[: taken.done], taken.flange_rotation[: taken.done]
+        seen = np.einsum("kr,krs->ks", film.tip_position - origin, axes)
         rows, speed = self._state.speed.after(seen, self.stage.tick_s, self._least)
         self._state = replace(self._state, speed=speed)
         return rows
 
     def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
         """Return where films are in one another, or in links of the arm, after some ticks."""
-        rows, joints = self._looked_at(to, taken.done), taken.ticks.joints
+        rows, joints = self._looked_at(to, taken.done), taken.joint_position
         return {row: self._parts.overlaps(taken.shapes[row], joints[row]) for row in rows}
 
     def _footing(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, Footing]:
         """Return how firmly the soft robot stands at the end of a phase, where it touches nothing."""
         row = self._counts[to.phase] - to.done
-        if row != taken.done - 1 or taken.ticks.contacts[row]:
+        if row != taken.done - 1 or taken.contacts[row]:
             return {}
         soft, here = self._parts.soft, taken.shapes[row]
-        flange = Pose(taken.ticks.axes[row], taken.ticks.origin[row])
+        flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
         found = soft.footing(here, flange, asked.loads[row])
         return {} if found is None else {row: found}
 
@@ -301,7 +294,7 @@ class DynamicSimulation(SteppedRun):
         found = dict(ends)
         for row, footing in ends.items():
             if self._state.undecided_in == asked.phase:
-                flange = Pose(taken.ticks.axes[row], taken.ticks.origin[row])
+                flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
                 rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
                 found[row] = replace(footing, rests_at_m=rests)
         return found
@@ -330,16 +323,16 @@ class DynamicSimulation(SteppedRun):
             "cable_tension_N": tension,
             "sensor_reading": reading,
             "sensor_truth": truth,
-            "tip_target": np.full((n, 3), np.nan) if wanted is None else wanted,
-            "has_tip_target": np.full(n, wanted is not None),
             "tick_wall_s": np.full(n, (time.perf_counter() - began) / n),
         }
-        return TickBatch.of_ticks(
-            taken,
-            arrays,
-            film=film,
-            devices=(report,) * n,
-            link_contacts=self._link_contacts(taken.ticks, to.tick, n),
+        if wanted is not None:
+            arrays["tip_target"] = wanted
+        return TickBatch(
+            {**taken.columns(), **arrays},
+            film,
+            (report,) * n,
+            pieces=taken.pieces,
+            link_contacts=self._link_contacts(taken, to.tick),
             branchings=branchings,
             overlaps=self._overlaps(taken, to),
             footing=self._rests(ends, taken, asked),

@@ -1,19 +1,20 @@
-"""The parts of a run that both modes step, and what a snapshot reads off them."""
+"""The parts of a run that both modes step, and what they show at rest."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import accumulate
 from typing import Any, Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, Pose, Twist, read_only
+from cosim.base.column import columns_of
+from cosim.base.columns import TickColumns
+from cosim.base.frames import Array, Pose, read_only
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.ticks import rest_columns, sizes_of
 from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement
 from cosim.devices.measurement import BodyPoses
@@ -23,12 +24,13 @@ from cosim.plan.plan import PhasePlan, Plan
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of
-from cosim.soft.contact import contact_law, self_contact_faces, self_contact_pairs
+from cosim.soft.contact import contact_law, self_contact_faces
 from cosim.soft.contact.flange_face import FlangeFace
 from cosim.soft.solve import branching, self_contact
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
-from cosim.telemetry.snapshot import Snapshot, UnreadFilmShape
+from cosim.telemetry.snapshot import FilmShapes, Snapshot
+from cosim.telemetry.tick_batch import TickBatch
 
 
 def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, tip_errors.TipPathInfo]:
@@ -96,18 +98,6 @@ def meetings(body: SoftBody) -> list[str]:
     return [words for words, found in kinds.items() if found]
 
 
-def with_film_contacts(ledger: LedgerEntry, films: self_contact_pairs.FilmMemory | None) -> LedgerEntry:
-    """Return the ledger with what the soft robot's films press on one another."""
-    if films is None:
-        return ledger
-    return replace(
-        ledger,
-        self_contacts=films.count,
-        self_contact_force_N=films.normal_force_N,
-        self_contact_depth_m=films.depth_m,
-    )
-
-
 _MOST: Final = 4  # a state holds a factorisation, which of a fine mesh takes tens of megabytes
 
 
@@ -148,42 +138,6 @@ def brought_to_rest(
 
 
 _LOOKED_AFTER_S = 1.0 / 30.0
-
-
-@final
-@dataclass(frozen=True)
-class TickState:
-    """Where a run is: tick and time, phase, and what drives it.
-
-    Args:
-        tick: count from 0.
-        time_s: simulated time [s].
-        phase: index of the phase.
-        joint_target: (joints,) [rad], reference of the servos.
-        loads: on the soft body.
-        flange: world_from_flange.
-        twist: of the flange origin, world axes.
-        joint_velocity: (joints,) [rad/s].
-        joint_torque: (joints,) [N m], of the servos.
-        touched: what the soft robot presses on.
-        branchings: unstable states that the soft robot has met on the way.
-        overlaps: of its films.
-        ends_phase: whether it is looked at how firmly it stands.
-    """
-
-    tick: int
-    time_s: float
-    phase: int
-    joint_target: Array
-    loads: Loads
-    flange: Pose
-    twist: Twist
-    joint_velocity: Array
-    joint_torque: Array
-    touched: ContactReport = NOTHING_TOUCHED
-    branchings: tuple[branching.Branching, ...] = ()
-    overlaps: tuple[branching.FilmOverlap, ...] = ()
-    ends_phase: bool = False
 
 
 @final
@@ -276,8 +230,8 @@ class Parts:
 
     def seeded(self, last: Snapshot, seed: int) -> Snapshot:
         """Let the sensors begin with a seed at a snapshot, and return that with their readings."""
-        found = self.commands.sensed(lambda: self._robot(last.time_s), last.cable_tension_N, seed)
-        return replace(last, sensor_reading=found[0], sensor_truth=found[1])
+        reading, truth = self.commands.sensed(lambda: self._robot(last.time_s), last.cable_tension_N, seed)
+        return last.table.changed(sensor_reading=reading[None], sensor_truth=truth[None]).snapshot(0)
 
     def loads(self, command: SoftCommand) -> Loads:
         """Return what acts on the soft body that is asked for something; the same object for the same."""
@@ -285,43 +239,46 @@ class Parts:
             self._asked, self._loads = command, loads_of(command, self.plan.gravity)
         return self._loads
 
-    def snapshot(self, moment: TickState, ledger: LedgerEntry, wall_s: float) -> Snapshot:
-        """Return the present state as a snapshot."""
-        carrier, soft, loads = self.carrier, self.soft, moment.loads
-        (places, quaternions), mass = carrier.body_poses(), soft.mass_properties()
-        devices = self.commands.report(moment.flange)
-        wanted = self.wanted_tip(moment.phase, np.array([moment.time_s]))
-        footing = soft.footing(soft.shape_now(), moment.flange, loads) if moment.ends_phase else None
-        tension = np.array(loads.cable_tension_N) if devices is None else devices.cable_tension_N
-        reading, truth = self.sensed(moment.time_s, tension)
-        return Snapshot(
-            tick=moment.tick,
-            time_s=moment.time_s,
-            phase=moment.phase,
-            joint_position=carrier.joint_position,
-            joint_velocity=moment.joint_velocity,
-            joint_torque=moment.joint_torque,
-            joint_target=moment.joint_target,
-            body_position=places,
-            body_quaternion=quaternions,
-            body_contact_force=moment.touched.on_each(len(places)),
-            film=UnreadFilmShape(self.shape_reader, soft.shape_now()),
-            world_from_flange=moment.flange,
-            flange_twist=moment.twist,
-            soft_center=mass.center,
-            soft_inertia=mass.inertia,
-            chamber_pressure_Pa=np.array(soft.pressures_Pa),
-            cable_tension_N=tension,
-            sensor_reading=reading,
-            sensor_truth=truth,
-            tip_target=None if wanted is None else wanted[0],
-            ledger=with_film_contacts(ledger, soft.touching),
-            tick_wall_s=wall_s,
-            devices=devices,
-            link_contacts=carrier.link_contacts(among_links=bool(self.looks_at_links(moment.tick, 1))),
-            branchings=moment.branchings,
-            overlaps=moment.overlaps,
-            footing=footing,
-            mounted_load=carrier.mounted_load.copy(),
-            body_touch=np.zeros((len(places), 3)),
-        )
+    def at_rest(self, here: Equilibrium, given: Mapping[str, Any], began: float, **rare: Any) -> TickBatch:
+        """Return both sides in an equilibrium, as a batch of one tick.
+
+        Args:
+            here: of the soft side, with the flange where it is.
+            given: columns that the mode knows, each with its value: tick, time, phase, and what moves.
+            began: when the work on the tick did.
+            rare: what few ticks have, see `TickBatch`.
+        """
+        carrier, soft, flange = self.carrier, self.soft, here.world_from_flange
+        (places, quaternions), mass, films = carrier.body_poses(), soft.mass_properties(), soft.touching
+        devices, time_s = self.commands.report(flange), np.array([given["time_s"]])
+        wanted = self.wanted_tip(given["phase"], time_s)
+        tension = np.array(here.loads.cable_tension_N) if devices is None else devices.cable_tension_N
+        reading, truth = self.sensed(time_s.item(), tension)
+        values = {
+            "joint_position": carrier.joint_position,
+            "body_position": places,
+            "body_quaternion": quaternions,
+            "flange_position": flange.translation,
+            "flange_rotation": flange.rotation,
+            "mounted_load": carrier.mounted_load,
+            "soft_center": mass.center,
+            "soft_inertia": mass.inertia,
+            "chamber_pressure_Pa": soft.pressures_Pa,
+            "cable_tension_N": tension,
+            "sensor_reading": reading,
+            "sensor_truth": truth,
+            **given,
+        }
+        if wanted is not None:
+            values["tip_target"] = wanted[0]
+        if films is not None:
+            values["self_contacts"], values["self_contact_force_N"] = films.count, films.normal_force_N
+            values["self_contact_depth_m"] = films.depth_m
+        sizes = sizes_of(len(carrier.joint_position), len(places), len(soft.pressures_Pa))
+        columns, kinds = rest_columns(here, sizes), columns_of(TickColumns)
+        columns |= {name: np.array([value], kinds[name].kind) for name, value in values.items()}
+        looks = bool(self.looks_at_links(given["tick"], 1))
+        rare["link_contacts"] = carrier.link_contacts(among_links=looks)
+        columns["tick_wall_s"] = np.array([time.perf_counter() - began])
+        film, some = FilmShapes(self.shape_reader, [soft.shape_now()]), rare.items()
+        return TickBatch(columns, film, (devices,), **{name: {0: found} for name, found in some if found})

@@ -18,16 +18,15 @@ import numpy as np
 from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
 from cosim.base.state import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError
 from cosim.plan.static_plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.stepping.parts import Parts, TickState
+from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 _FULL_ROUNDS = 4
@@ -157,7 +156,7 @@ class QuasistaticSimulation(SteppedRun):
             self._parts.soft.contact_surface().check_planes(state.here.loads.contact)
         self._state = state
 
-    def _start(self, began: float) -> Snapshot:
+    def _start(self, began: float) -> TickBatch:
         parts = self._parts
         plan, carrier = parts.plan, parts.carrier
         carrier.set_configuration(plan.joints)
@@ -165,7 +164,7 @@ class QuasistaticSimulation(SteppedRun):
         here, spent = self._with_droop(here, plan.joints, here.iterations)
         self._state = self._without_history(here)
         still = np.zeros_like(plan.joints)
-        return self._snapshot(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
+        return self._shown(Cursor(), 0.0, plan.joints, _Motion(Twist(), still, 0.0), spent, began)
 
     def _take(self, to: Cursor, most: int) -> TickBatch:
         began = time.perf_counter()
@@ -181,32 +180,42 @@ class QuasistaticSimulation(SteppedRun):
         reference = command.joints.position
         self._state, spent = self._advance(state, reference, parts.loads(command.soft))
         motion = _mean_motion(parts, state.here, self._state.here, joints, span)
-        return TickBatch.of([self._snapshot(to, began_s + to.done * span, reference, motion, spent, began)])
+        return self._shown(to, began_s + to.done * span, reference, motion, spent, began)
 
     def _step_of(self, to: Cursor) -> str:
         return f"increment {to.done} of {self._parts.plan.phases[to.phase].phase.increments}"
 
-    def _snapshot(
+    def _shown(
         self, to: Cursor, time_s: float, reference: Array, motion: "_Motion", spent: int, began: float
-    ) -> Snapshot:
+    ) -> TickBatch:
         """Return what the present equilibrium shows, with the Newton iterations spent on it."""
         parts, here, touched = self._parts, self._begun.here, NOTHING_TOUCHED
+        soft, carrier, flange = parts.soft, parts.carrier, here.world_from_flange
         if here.loads.contact is not None:
             touched = ContactReport.of(here.loads.contact.at(here.state.positions))
-        joints = parts.carrier.joint_position
-        rigid_power = here.wrench.power(motion.twist)
-        ledger = LedgerEntry(
-            here.wrench, rigid_power, motion.soft_power_W, here.residual_N, spent, 0.0, False,
-            touched.count, touched.normal_force_N, touched.depth_m, slides=here.slides,
+        given = {
+            "tick": to.tick,
+            "time_s": time_s,
+            "phase": to.phase,
+            "joint_target": reference,
+            "joint_velocity": motion.joint_velocity,
+            "joint_torque": carrier.hold(here.wrench),
+            "flange_twist": [*motion.twist.linear, *motion.twist.angular],
+            "rigid_power_W": here.wrench.power(motion.twist),
+            "soft_power_W": motion.soft_power_W,
+            "newton_iterations": spent,
+            "contacts": touched.count,
+            "contact_force_N": touched.normal_force_N,
+            "contact_depth_m": touched.depth_m,
+            "body_contact_force": touched.on_each(len(carrier.body_names)),
+        }
+        shape, looks, ends = soft.shape_now(), self._looked_at(to, 1), to.done == self._counts[to.phase]
+        return parts.at_rest(
+            here, given, began,
+            branchings=self._branchings(to, here.branchings),
+            overlaps=parts.overlaps(shape, carrier.joint_position) if looks else (),
+            footing=soft.footing(shape, flange, here.loads) if ends else None,
         )  # fmt: skip
-        moment = TickState(
-            to.tick, time_s, to.phase, reference, here.loads, here.world_from_flange, motion.twist,
-            motion.joint_velocity, parts.carrier.hold(here.wrench), touched,
-            self._branchings(to, here.branchings),
-            parts.overlaps(parts.soft.shape_now(), joints) if self._looked_at(to, 1) else (),
-            to.done == self._counts[to.phase],
-        )  # fmt: skip
-        return parts.snapshot(moment, ledger, time.perf_counter() - began)
 
     def _branchings(self, to: Cursor, passed: tuple[Branching, ...]) -> tuple[Branching, ...]:
         """Return what an increment has passed, with load factors of the phase in place of the increment."""

@@ -7,13 +7,14 @@ from typing import Annotated, Any, Final, final
 
 import numpy as np
 
+from cosim.base.columns import TickRow
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
 from cosim.base.state import check_state
 from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.schemes import iterated, ledger
+from cosim.coupling.schemes import iterated
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.rigid_slopes import rigid_slopes
@@ -292,7 +293,7 @@ class ArmCarrier(SceneCarrier):
     def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
         taken = super().advance(servos, loads)
         if taken.done:
-            mounted_load = taken.ticks.mounted[taken.done - 1].copy()
+            mounted_load = taken.mounted_load[taken.done - 1].copy()
             self.state = replace(self.state, mounted_load=mounted_load)
         return taken
 
@@ -450,7 +451,7 @@ class HostCarrier(SceneCarrier):
         """
         self._last = self.advance(_NO_SERVOS, [loads])
 
-    def last_entry(self) -> ledger.LedgerEntry:
+    def last_tick(self) -> TickRow:
         """Return what was exchanged in the last tick."""
         assert self._last is not None, "end() comes before"
-        return self._last.last_entry()
+        return self._last.last()

@@ -215,7 +215,7 @@ class SteppedRun(ABC):
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
             self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
-            return self._cameras.filmed(tick_batch.TickBatch.of([first]))
+            return self._cameras.filmed(first)
         to = self._cursor.following(self._counts)
         if to is None:
             return None
@@ -333,7 +333,7 @@ class SteppedRun(ABC):
         """Forget what has been worked out of the steps to come."""
 
     @abstractmethod
-    def _start(self, began: float) -> Snapshot:
+    def _start(self, began: float) -> tick_batch.TickBatch:
         """Bring everything to rest where the plan starts; `began` is when the work on it did."""
 
     @abstractmethod

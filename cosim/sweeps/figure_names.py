@@ -7,7 +7,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from typing import Final
 
-from cosim.base.column import figures_of
+from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.config import loading, studies
 from cosim.config.schema.phase import PhaseTable
@@ -22,9 +22,8 @@ OF_A_RUN: Final = (
     "touched", "soft_weight_N", "section_model", "error", "branchings", "overlaps", "objects",
 )  # fmt: skip
 OF_A_PHASE: Final = (
-    "complete", "end_s", "newton_iterations", "pressure_Pa", "volume_m3", "cable_tension_N",
-    "joint_position_rad", "flange_position_m", "flange_quaternion", "tip_position_m", "tip_direction",
-    "sag_m", "length_m", "flange_wrench", "chambers", "lowest_frequency_Hz", "disturbed_tip_m",
+    "complete", "newton_iterations", *(figure.name for _, figure in ends_of(TickColumns)),
+    "flange_wrench", "chambers", "lowest_frequency_Hz", "disturbed_tip_m",
     "load_margin", "losses_held", "modes", "hinge_energy_share", "stiffener", "extension_ratio",
     "pack_ratio", "energy", "devices",
 )  # fmt: skip

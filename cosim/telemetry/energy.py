@@ -17,11 +17,10 @@ such loss: it is the error of the balance.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final, NamedTuple, final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, final
 
 import numpy as np
 
-from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
@@ -29,6 +28,9 @@ from cosim.base.names import TERMS, WORKS
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
+
+if TYPE_CHECKING:
+    from cosim.telemetry.tick_batch import TickBatch
 
 DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(KINETIC + 1, KINETIC + 7)
 _ELASTIC_S: Final = 0.1
@@ -216,7 +218,7 @@ class EnergyParts(Shown):
         """Return the balance before the first tick."""
         return EnergyFigures()
 
-    def after(self, before: EnergyFigures, batch: TickColumns) -> tuple[EnergyFigures, Array]:
+    def after(self, before: EnergyFigures, batch: "TickBatch") -> tuple[EnergyFigures, Array]:
         """Return the balance with some ticks more, and its terms at each of them, see `balance_after`."""
         return balance_after(before, batch, self)
 
@@ -240,7 +242,7 @@ def _always(share: Array, _positions: Array) -> Array:
 
 
 def balance_after(
-    before: EnergyFigures, batch: TickColumns, parts: EnergyParts
+    before: EnergyFigures, batch: "TickBatch", parts: EnergyParts
 ) -> tuple[EnergyFigures, Array]:
     """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
@@ -296,7 +298,7 @@ def balance_after(
 
 
 def _moved(
-    before: EnergyFigures, batch: TickColumns, parts: EnergyParts, motion: Array, sums: Array
+    before: EnergyFigures, batch: "TickBatch", parts: EnergyParts, motion: Array, sums: Array
 ) -> Array | None:
     """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
 

@@ -10,14 +10,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeAlias, final
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.frames import Array, IntArray, Pose, Shown, Twist, Wrench, read_only
+from cosim.base.columns import TickRow
+from cosim.base.frames import Array, IntArray, Pose, Shown, Wrench, read_only
 from cosim.base.solid import BodyShape
-from cosim.coupling.schemes.ledger import LedgerEntry, ShapeFigures, TickPieces
+from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from cosim.soft.beams.beam_rings import StiffenerStrain
     from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
     from cosim.telemetry.energy import EnergyParts
+    from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -76,157 +79,67 @@ class CameraImage(Shown):
     rotation: Annotated[Array, (3, 3)]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class FilmShape(Shown):
-    """The film at the end of one tick.
-
-    Args:
-        node_position: (nodes, 3) [m], world.
-        chamber_volume_m3: (chambers,).
-        tip_position: (3,) [m], mean of the last hole ring.
-        tip_direction: (3,), unit normal of the last hole ring, away from the base.
-        center_line_m: length of the polyline through the centres of the hole rings.
-    """
-
-    node_position: Annotated[Array, ("film", 3)]
-    chamber_volume_m3: Annotated[Array, ("chambers",)]
-    tip_position: Annotated[Array, (3,)]
-    tip_direction: Annotated[Array, (3,)]
-    center_line_m: float
-    _reader: ClassVar[None] = None
-
-    @property
-    def _shape(self) -> FilmShape:
-        """Itself: there is nothing to read."""
-        return self
-
-    def read(self) -> FilmShape:
-        """Return itself."""
-        return self
-
-
-@final
-class UnreadFilmShape:
-    """The same, each value read off the soft side's shape when it is asked for, and kept.
-
-    Args:
-        reader: of the shape.
-        shape: as its reader needs it; nothing that happens later changes it.
-    """
-
-    def __init__(self, reader: ShapeReader, shape: Any) -> None:
-        self._reader, self._shape = reader, shape
-
-    @cached_property
-    def node_position(self) -> Array:
-        """See `FilmShape`."""
-        return np.asarray(read_only(self._reader.positions(self._shape)))
-
-    @property
-    def chamber_volume_m3(self) -> Array:
-        """See `FilmShape`."""
-        return np.asarray(self._figures.volumes_m3[0])
-
-    @property
-    def tip_position(self) -> Array:
-        """See `FilmShape`."""
-        return np.asarray(self._figures.tip_position[0])
-
-    @property
-    def tip_direction(self) -> Array:
-        """See `FilmShape`."""
-        return np.asarray(self._figures.tip_direction[0])
-
-    @property
-    def center_line_m(self) -> float:
-        """See `FilmShape`."""
-        return float(self._figures.center_line_m[0])
-
-    @cached_property
-    def _figures(self) -> ShapeFigures:
-        return self._reader.figures([self._shape])
-
-    def read(self) -> FilmShape:
-        """Return all values, without what reads them."""
-        return FilmShape(
-            self.node_position, self.chamber_volume_m3, self.tip_position, self.tip_direction,
-            self.center_line_m,
-        )  # fmt: skip
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return what is pickled: the values."""
-        return FilmShape, tuple(vars(self.read()).values())
-
-
 Decay: TypeAlias = Callable[[float, float], tuple[float, float]]
 """Natural frequency [Hz], and twice the decay [1/s] by its materials -> decay [1/s] that all losses ask for,
 and what ticks add to it."""
-Film: TypeAlias = FilmShape | UnreadFilmShape
-"""The film at the end of one tick."""
 
 
 @final
+@dataclass(frozen=True, eq=False)
 class FilmShapes:
     """The film at the ends of k ticks; read all together, which costs a fraction of one by one.
 
     Args:
-        reader: of the shapes; None where these are read already.
-        shapes: k, as the reader needs them, or `FilmShape`.
-        figures: of the shapes; None where they are still to be read.
+        _reader: of the shapes; None where these have been read.
+        _shapes: k, as the reader needs them, which nothing that happens later changes; or (k, nodes, 3) [m].
+        _known: figures of the shapes; None where they are still to be read.
     """
 
-    def __init__(
-        self, reader: ShapeReader | None, shapes: Sequence[Any], figures: ShapeFigures | None = None
-    ) -> None:
-        self._reader, self._shapes, self._figures = reader, shapes, figures
+    _reader: ShapeReader | None
+    _shapes: Any
+    _known: ShapeFigures | None = None
 
-    @classmethod
-    def of(cls, films: Sequence[Film]) -> FilmShapes:
-        """Return some shapes as one, at least one."""
-        readers = {film._reader for film in films}
-        if len(readers) > 1:  # of several runs
-            return cls(None, [film.read() for film in films])
-        return cls(readers.pop(), [film._shape for film in films])
+    def __post_init__(self) -> None:
+        if self._reader is None:
+            vars(self)["_shapes"] = read_only(self._shapes)
 
     @classmethod
     def joined(cls, parts: Sequence[FilmShapes]) -> FilmShapes:
-        """Return the shapes of some parts of one run, at least one part, in order."""
-        shapes, reader = list(chain.from_iterable(part._shapes for part in parts)), parts[0]._reader
-        if reader is not None and all(part._figures is None for part in parts):
-            return cls(reader, shapes)
-        columns = [vars(part.figures).values() for part in parts]
-        figures = ShapeFigures(*map(np.concatenate, zip(*columns, strict=True)))
-        return cls(reader, shapes, figures)
+        """Return some films as one, at least one, in order."""
+        if any(part._reader is not parts[0]._reader for part in parts):
+            parts = [part.read() for part in parts]
+        reader, known = parts[0]._reader, None
+        shapes = [part._shapes for part in parts]
+        if any(part._known is not None for part in parts):
+            columns = [vars(part.figures).values() for part in parts]
+            known = ShapeFigures(*map(np.concatenate, zip(*columns, strict=True)))
+        return cls(reader, np.concatenate(shapes) if reader is None else [*chain(*shapes)], known)
 
-    def __getitem__(self, row: int) -> Film:
-        shape = self._shapes[row]
-        return shape if self._reader is None else UnreadFilmShape(self._reader, shape)
-
-    @property
+    @cached_property
     def figures(self) -> ShapeFigures:
         """Figures of all shapes."""
-        if self._figures is None:
-            self._figures = self._read()
-        return self._figures
+        if self._known is not None:
+            return self._known
+        assert self._reader is not None, "what has been read has figures"
+        return self._reader.figures(self._shapes)
 
     @property
     def tip_position(self) -> Array:
         """Tips (k, 3) [m] of all shapes; of shapes that are still to be read nothing else is read."""
-        if self._figures is None and self._reader is not None:
-            return self._reader.tips(self._shapes)
-        return self.figures.tip_position
+        if self._reader is None or "figures" in vars(self):
+            return self.figures.tip_position
+        return self._reader.tips(self._shapes)
 
     def some(self, rows: IntArray) -> FilmShapes:
         """Return some of the shapes, by their places."""
-        return FilmShapes(self._reader, [self._shapes[k] for k in rows.tolist()], self.figures.some(rows))
+        known = self._known if self._reader is None else vars(self).get("figures", self._known)
+        shapes = self._shapes[rows] if self._reader is None else [self._shapes[k] for k in rows.tolist()]
+        return FilmShapes(self._reader, shapes, known and known.some(rows))
 
     def node_position(self, rows: slice = slice(None)) -> Array:
         """Return the film's nodes (k, nodes, 3) [m] at some of the ticks."""
         shapes = self._shapes[rows]
-        if self._reader is None:
-            return np.stack([shape.node_position for shape in shapes])
-        return self._reader.films(shapes)
+        return np.asarray(shapes if self._reader is None else self._reader.films(shapes))
 
     def moments(self) -> Array:
         """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0: none are known."""
@@ -234,14 +147,13 @@ class FilmShapes:
             return np.zeros((len(self._shapes), 0, 3))
         return self._reader.moments(self._shapes)
 
-    def _read(self) -> ShapeFigures:
-        if self._reader is not None:
-            return self._reader.figures(self._shapes)
-        columns = ("tip_position", "tip_direction", "center_line_m", "chamber_volume_m3")
-        return ShapeFigures(*(np.stack([getattr(shape, name) for shape in self._shapes]) for name in columns))
+    def read(self) -> FilmShapes:
+        """Return the same without what reads it."""
+        return FilmShapes(None, self.node_position(), self.figures)
 
-
-__all__ = ["BodyShape", "LedgerEntry", "RunInfo", "Snapshot"]
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what is pickled: what has been read."""
+        return FilmShapes, (None, self.node_position(), self.figures)
 
 
 @final
@@ -413,129 +325,73 @@ class RunErrors:
 
 @final
 @dataclass(frozen=True, repr=False, eq=False)
-class Snapshot(Shown):
+class Snapshot(TickRow):
     """State at the end of one tick; nobody can write to its arrays.
 
+    Its columns are attributes, see `TickBatch`, such as `time_s`, a number, and `tip_position` (3,). `wrench`
+    is a `Wrench`, `flange_twist` a `Twist`, and `tip_target` None where there is no target.
+
     Args:
-        tick: count from 1; 0 is the state before the first tick.
-        time_s: tick times tick length [s].
-        phase: index into `RunInfo.phase_names`.
-        joint_position: (joints,) [rad].
-        joint_velocity: (joints,) [rad/s]; in statics the mean one over the increment.
-        joint_torque: (joints,) [N m], that the servos gave in the tick, or hold with at rest.
-        joint_target: (joints,) [rad], what the controller was asked for.
-        body_position: (bodies, 3) [m], world.
-        body_quaternion: (bodies, 4), (w, x, y, z), world from body.
-        body_contact_force: (bodies, 3) [N], of the soft robot on each body, mean over the tick, world axes.
-        film: where it is, and what follows from that; read when asked for.
-        world_from_flange: pose of the flange.
-        flange_twist: of the flange origin, world axes.
-        soft_center: (3,) [m], centre of mass of the soft robot, world.
-        soft_inertia: (3, 3) [kg m^2], of the soft robot about that, world axes.
-        chamber_pressure_Pa: (chambers,), gauge, in the order of `RunInfo.chamber_names`; of a sealed gas at
-            its present volume.
-        cable_tension_N: (cables,) at the base end.
-        tip_target: (3,) [m] or None.
-        ledger: what the interface exchanged.
-        tick_wall_s: wall time of this tick [s].
-        devices: what pumps, winches and controllers do; None in a scenario without.
-        link_contacts: of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`.
-        branchings: unstable states that the soft robot has met in the tick, or is in.
-        overlaps: of its films, at ticks at which it is looked for.
-        footing: how firmly the soft robot stands, at the end of a phase; None where it is not known.
-        sensor_reading: (readings,), of `RunInfo.sensors` one after the other.
-        sensor_truth: (readings,), what they would read without noise, bias, delay, hold and steps.
-        images: of the cameras whose next picture is due at this tick.
-        pieces: of the tick, where it was taken in pieces.
-        mounted_load: (6,), force [N] and torque [N m] on the flange of what is fixed next to the soft robot,
-            such as a palm, at its origin, world axes: weight, inertia and contacts, mean over the tick.
-        body_touch: (bodies, 3), what touches each body, see `TickBatch`.
+        table: the tick as a batch.
     """
 
-    tick: int
-    time_s: float
-    phase: int
-    joint_position: Annotated[Array, ("joints",)]
-    joint_velocity: Annotated[Array, ("joints",)]
-    joint_torque: Annotated[Array, ("joints",)]
-    joint_target: Annotated[Array, ("joints",)]
-    body_position: Annotated[Array, ("bodies", 3)]
-    body_quaternion: Annotated[Array, ("bodies", 4)]
-    body_contact_force: Annotated[Array, ("bodies", 3)]
-    film: Film
-    world_from_flange: Pose
-    flange_twist: Twist
-    soft_center: Annotated[Array, (3,)]
-    soft_inertia: Annotated[Array, (3, 3)]
-    chamber_pressure_Pa: Annotated[Array, ("chambers",)]
-    cable_tension_N: Annotated[Array, ("cables",)]
-    tip_target: Annotated[Array, (3,)] | None
-    ledger: LedgerEntry
-    tick_wall_s: float
-    devices: ActuationReport | None = None
-    link_contacts: tuple[LinkContact, ...] = ()
-    branchings: tuple[Branching, ...] = ()
-    overlaps: tuple[FilmOverlap, ...] = ()
-    footing: Footing | None = None
-    sensor_reading: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
-    sensor_truth: Annotated[Array, ("readings",)] = field(default_factory=lambda: np.zeros(0))
-    images: tuple[CameraImage, ...] = ()
-    pieces: TickPieces | None = None
-    mounted_load: Annotated[Array, (6,)] = field(default_factory=lambda: np.zeros(6))
-    body_touch: Annotated[Array, ("bodies", 3)] = field(default_factory=lambda: np.zeros((0, 3)))
+    table: TickBatch
+
+    @property
+    def world_from_flange(self) -> Pose:
+        """Pose of the flange."""
+        return Pose(self.flange_rotation, self.flange_position)
 
     @property
     def flange_wrench(self) -> Wrench:
-        """What all that hangs on the flange exerts on it, at its origin, world axes.
-
-        That is the soft robot's wrench, `ledger.wrench`, and `mounted_load`.
-        """
-        wrench, load = self.ledger.wrench, self.mounted_load
-        return Wrench(wrench.force + load[:3], wrench.torque + load[3:])
+        """What all that hangs on the flange exerts on it, at its origin, world axes."""
+        return Wrench(self.flange_force, self.flange_torque)
 
     @property
-    def node_position(self) -> Array:
-        """(nodes, 3) [m], world."""
-        return self.film.node_position
+    def devices(self) -> ActuationReport | None:
+        """What pumps, winches and controllers do; None in a scenario without."""
+        return self.table.devices[0]
 
     @property
-    def pressure_Pa(self) -> float:
-        """Gauge pressure in the first chamber."""
-        return float(self.chamber_pressure_Pa[0])
+    def link_contacts(self) -> tuple[LinkContact, ...]:
+        """Of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`."""
+        return self.table.link_contacts.get(0, ())
 
     @property
-    def chamber_volume_m3(self) -> Array:
-        """(chambers,), inside the film, hole rings closed by flat fans."""
-        return self.film.chamber_volume_m3
+    def branchings(self) -> tuple[Branching, ...]:
+        """Unstable states that the soft robot has met in the tick, or is in."""
+        return self.table.branchings.get(0, ())
 
     @property
-    def volume_m3(self) -> float:
-        """Of all chambers."""
-        return float(sum(self.chamber_volume_m3.tolist()))
+    def overlaps(self) -> tuple[FilmOverlap, ...]:
+        """Of its films, at ticks at which they are looked for."""
+        return self.table.overlaps.get(0, ())
 
     @property
-    def tip_position(self) -> Array:
-        """(3,) [m], mean of the last hole ring."""
-        return self.film.tip_position
+    def footing(self) -> Footing | None:
+        """How firmly the soft robot stands, at the end of a phase; None where it is not known."""
+        return self.table.footing.get(0)
 
     @property
-    def tip_direction(self) -> Array:
-        """(3,), unit normal of the last hole ring, away from the base."""
-        return self.film.tip_direction
+    def images(self) -> tuple[CameraImage, ...]:
+        """Of the cameras whose next picture is due at this tick."""
+        return self.table.images.get(0, ())
 
     @property
-    def sag_m(self) -> float:
-        """Distance of the tip from where a straight arm along the flange's axis would have it.
+    def ledger(self) -> Snapshot:
+        """The snapshot: `snapshot.ledger.contacts` is `snapshot.contacts`."""
+        warn("Snapshot.ledger: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
+        return self
 
-        That arm is rigid, and as long as this one is at present.
-        """
-        flange = self.world_from_flange
-        away = self.tip_position - flange.translation - self.film.center_line_m * flange.rotation[:, 2]
-        return float(np.sqrt((away * away).sum()))
+    @property
+    def film(self) -> Snapshot:
+        """The snapshot: `snapshot.film.tip_position` is `snapshot.tip_position`."""
+        warn("Snapshot.film: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
+        return self
 
     def kept(self) -> Snapshot:
         """Return the same with all that is shown of the film read, without pictures: what is saved."""
-        return replace(self, film=self.film.read(), images=())
+        return Snapshot(replace(self.table, film=self.table.film.read(), images={}))
 
     def __repr__(self) -> str:
         """Return two lines: when, and what is there then."""
@@ -546,5 +402,5 @@ class Snapshot(Shown):
             f"{len(self.joint_position)} joints, {len(self.body_position)} bodies, "
             f"{len(self.node_position)} nodes\n"
             f"tip at ({tip}) mm, sag {1e3 * self.sag_m:.1f} mm, {pressures} kPa, "
-            f"{self.ledger.contacts} contacts, residual {self.ledger.residual_N:.1e} N"
+            f"{self.contacts} contacts, residual {self.residual_N:.1e} N"
         )

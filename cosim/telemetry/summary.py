@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base.column import figures_of
+from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.base.state import check_state
 from cosim.errors import InputError
@@ -351,9 +351,7 @@ class SummaryBuilder:
         self._ends.observe(batch)
         if state.last is None:
             first = batch.snapshot(0)
-            state = replace(
-                state, shortest_m=first.film.center_line_m, began=(first.time_s, self._height(first))
-            )
+            state = replace(state, shortest_m=first.center_line_m, began=(first.time_s, self._height(first)))
         elif batch.phase[0] != state.last.phase:
             self._close_phase(complete=True)
             state = replace(self._state, began=(state.last.time_s, self._height(state.last)))
@@ -513,18 +511,8 @@ def _phase_figures(last: Snapshot, name: str, newton_iterations: int, complete: 
     found: dict[str, Any] = {
         "name": name,
         "complete": complete,
-        "end_s": last.time_s,
         "newton_iterations": newton_iterations,
-        "pressure_Pa": last.pressure_Pa,
-        "volume_m3": last.volume_m3,
-        "cable_tension_N": last.cable_tension_N,
-        "joint_position_rad": last.joint_position,
-        "flange_position_m": last.world_from_flange.translation,
-        "flange_quaternion": last.world_from_flange.quaternion,
-        "tip_position_m": last.tip_position,
-        "tip_direction": last.tip_direction,
-        "sag_m": last.sag_m,
-        "length_m": last.film.center_line_m,
+        **{figure.name: getattr(last, column.name) for column, figure in ends_of(TickColumns)},
         "flange_wrench": {"force_N": wrench.force, "torque_Nm": wrench.torque},
     }
     if last.tip_target is not None:

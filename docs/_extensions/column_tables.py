@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from cosim.base.column import Columns, columns_of, figures_of
-from cosim.base.columns import TickColumns
+from collections.abc import Iterable
+
+from cosim.base.column import Column, Columns, RunFigure, columns_of
 
 
 def column_table(kind: type[Columns]) -> str:
@@ -15,10 +16,7 @@ def column_table(kind: type[Columns]) -> str:
     return "\n".join(["| column | shape | unit | meaning |\n|---|---|---|---|", *rows])
 
 
-def figure_table() -> str:
+def figure_table(reduced: Iterable[tuple[Column, RunFigure]]) -> str:
     """Return Markdown with a row for each figure of the summary that a column is reduced to."""
-    rows = [
-        f"| `{figure.name}` | `{column.name}` | {figure.meaning} |"
-        for column, figure in figures_of(TickColumns)
-    ]
+    rows = [f"| `{figure.name}` | `{column.name}` | {figure.meaning} |" for column, figure in reduced]
     return "\n".join(["| key | of the column | meaning |\n|---|---|---|", *rows])

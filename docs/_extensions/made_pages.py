@@ -15,6 +15,7 @@ from key_tables import key_tables
 from public_names import public_errors, public_names
 
 from cosim import RunResult
+from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ TEXTS: Final[dict[str, Callable[[], str]]] = {
     "keys of arm": lambda: key_tables("arm"),
     "columns of results": lambda: column_table(RunResult),
     "columns of ticks": lambda: column_table(TickColumns),
-    "figures of columns": figure_table,
+    "figures of columns": lambda: figure_table(figures_of(TickColumns)),
+    "figures of phases": lambda: figure_table(ends_of(TickColumns)),
     "glossary": glossary_text,
     "public names": public_names,
     "public errors": public_errors,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -97,15 +96,22 @@ def test_a_foreign_loop_around_a_scene_is_the_simulation_to_the_bit(steps: int) 
             soft.before(model, data)
             mujoco.mj_step(model, data)
             soft.after(model, data)
-        carried += seen.ledger.algorithmic_mass
+        carried += seen.algorithmic_mass
         assert steps == 1 or 0.5 < soft.ledger.stability_ratio < 1.0
         bound = 0.0 if steps == 1 else 1e-12  # servos' ways are added up in another order
         np.testing.assert_allclose(data.qpos[:6], seen.joint_position, rtol=0.0, atol=bound)
         np.testing.assert_allclose(soft.tip_position, seen.tip_position, rtol=0.0, atol=bound)
-        np.testing.assert_allclose(soft.wrench.force, seen.ledger.wrench.force, rtol=0.0, atol=1e3 * bound)
-        np.testing.assert_allclose(soft.wrench.torque, seen.ledger.wrench.torque, rtol=0.0, atol=1e3 * bound)
+        np.testing.assert_allclose(soft.wrench.force, seen.wrench.force, rtol=0.0, atol=1e3 * bound)
+        np.testing.assert_allclose(soft.wrench.torque, seen.wrench.torque, rtol=0.0, atol=1e3 * bound)
         if steps == 1:
-            assert replace(soft.ledger, wrench=seen.ledger.wrench) == seen.ledger
+            for name in (
+                "soft_power_W",
+                "residual_N",
+                "newton_iterations",
+                "stability_ratio",
+                "momentum_error",
+            ):
+                assert getattr(soft.ledger, name) == getattr(seen, name)
     assert carried == 30
     assert soft.ledger.momentum_error < 1e-10
 

@@ -47,7 +47,7 @@ def test_what_comes_into_reach_is_touched_as_if_it_had_been_modelled_all_along(
     lowered, known = here.branch(DOWN), there.branch(DOWN)
     assert contact(lowered).included
     end = lowered.step(lowered.ticks_left)
-    assert end.ledger.contact_force_N > 1.0
+    assert end.contact_force_N > 1.0
     assert np.array_equal(end.node_position, known.step(known.ticks_left).node_position)
 
 

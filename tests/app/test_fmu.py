@@ -44,7 +44,7 @@ def test_an_fmu_without_commands_is_the_run(file: Path) -> None:
         tip = [seen[f"tip_position.{axis}"][k] for axis in "xyz"]
         np.testing.assert_allclose(tip, here.tip_position, rtol=0.0, atol=1e-9)
         force = [seen[f"flange_force.{axis}"][k] for axis in "xyz"]
-        np.testing.assert_allclose(force, here.ledger.wrench.force, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(force, here.wrench.force, rtol=0.0, atol=1e-9)
         joints = [seen[f"joint_position.{name}"][k] for name in simulation.stage.joint_names]
         np.testing.assert_allclose(joints, here.joint_position, rtol=0.0, atol=1e-9)
 

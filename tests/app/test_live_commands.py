@@ -228,7 +228,7 @@ def test_what_is_measured_is_what_the_snapshot_shows() -> None:
     np.testing.assert_array_equal(seen.joint_position, shown.joint_position)
     np.testing.assert_array_equal(seen.joint_torque, shown.joint_torque)
     np.testing.assert_array_equal(seen.tip_position, shown.tip_position)
-    np.testing.assert_array_equal(seen.flange_wrench.force, shown.ledger.wrench.force)
+    np.testing.assert_array_equal(seen.flange_wrench.force, shown.wrench.force)
     np.testing.assert_array_equal(seen.flange.translation, shown.world_from_flange.translation)
     assert tuple(seen.body_pose) == here.stage.body_names
     k = 3

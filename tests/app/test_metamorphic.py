@@ -414,7 +414,7 @@ def restored(rng: np.random.Generator, number: int, folder: Path, record: Record
             "chamber_pressure_Pa",
         ):
             assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), name
-        assert a.ledger.wrench.force.tobytes() == b.ledger.wrench.force.tobytes()
+        assert a.wrench.force.tobytes() == b.wrench.force.tobytes()
 
 
 def attached(rng: np.random.Generator, number: int, folder: Path, record: Record) -> None:
@@ -452,7 +452,7 @@ def attached(rng: np.random.Generator, number: int, folder: Path, record: Record
         soft.command(command)
         soft.step(model, data, steps)
         assert np.abs(soft.film - seen.node_position).max() <= SOLVED_M
-        assert np.abs(soft.wrench.force - seen.ledger.wrench.force).max() <= SOLVED_N
+        assert np.abs(soft.wrench.force - seen.wrench.force).max() <= SOLVED_N
     assert np.linalg.norm(soft.tip_position - begun) > MOVES_M
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -77,10 +76,9 @@ def test_writing_to_what_is_shown_changes_nothing(made: Callable[[Path], Simulat
 def test_the_walk_finds_what_is_shown(tmp_path: Path) -> None:
     here = film(tmp_path)
     found = {place.removeprefix("here.") for place, _ in arrays_of(here, "here")}
-    names = [entry.name for entry in fields(here.snapshot)]
-    arrays = [name for name in names if isinstance(getattr(here.snapshot, name), np.ndarray)]
+    names = ("node_position", "tip_position", "joint_position", "devices.unstretched_m")
     assert here.snapshot.devices is not None
-    assert {f"snapshot.{name}" for name in (*arrays, "film.node_position", "devices.unstretched_m")} <= found
+    assert {f"snapshot.{name}" for name in names} <= found
     assert {"stage.gravity", "stage.soft_triangles"} <= found
 
 

@@ -115,8 +115,8 @@ def test_a_twin_predicts_what_the_same_commands_do(scenario: str, tmp_path: Path
         )
         here.step(asked, ticks=10)
         np.testing.assert_array_equal(found[k - 1].snapshot.tip_position, here.snapshot.tip_position)
-        wrench = found[k - 1].snapshot.ledger.wrench
-        np.testing.assert_array_equal(wrench.force, here.snapshot.ledger.wrench.force)
+        wrench = found[k - 1].snapshot.wrench
+        np.testing.assert_array_equal(wrench.force, here.snapshot.wrench.force)
     assert here.snapshot.chamber_pressure_Pa[0] == 15e3
 
 

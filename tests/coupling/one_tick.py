@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from cosim.base.columns import TickRow
 from cosim.base.frames import Array
 from cosim.coupling.schemes.coupling import Coupling
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.ticks import Servos
 from cosim.soft.body.loads import Loads
 
 
-def one_tick(coupling: Coupling, position: Array, torque: Array, loads: Loads) -> LedgerEntry:
+def one_tick(coupling: Coupling, position: Array, torque: Array, loads: Loads) -> TickRow:
     """Advance by one tick.
 
     Args:
@@ -21,4 +21,4 @@ def one_tick(coupling: Coupling, position: Array, torque: Array, loads: Loads) -
     servos = Servos.knowing_no_payload(position[None], 0.0 * position[None], torque[None])
     taken = coupling.advance(servos, [loads])
     assert taken.done == 1
-    return LedgerEntry(coupling.wrench, **{name: column.item(0) for name, column in taken.ledger().items()})
+    return taken.last()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.columns import TickRow
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Twist, Wrench
 from cosim.build.arms import find_arm
 from cosim.config.schema.objects import WireTable
@@ -15,7 +16,6 @@ from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.schemes.transfer import six_numbers
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
@@ -210,6 +210,6 @@ class CoupledGrasp:
         self.coupling = scheme(self.interface)
         self._joints = self.grasp.scene.joint_position
 
-    def tick(self) -> LedgerEntry:
+    def tick(self) -> TickRow:
         """Advance by one tick."""
         return one_tick(self.coupling, self._joints, np.zeros(6), self.grasp.loads)

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.arm_file import ArmFile
+from cosim.base.columns import TickRow
 from cosim.base.frames import Mask, Pose
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
@@ -96,7 +96,7 @@ class Slider:
         self.start = found.state
         self.interface = Interface(self.scene, self.soft, found.wrench)
 
-    def tick(self, coupling: Coupling) -> LedgerEntry:
+    def tick(self, coupling: Coupling) -> TickRow:
         """Advance by a tick, the carriage pushed up by more than the pull."""
         return one_tick(coupling, np.zeros(1), np.array([PULL_N + PUSH_N]), self.loads)
 

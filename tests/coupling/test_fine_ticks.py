@@ -105,7 +105,7 @@ def test_the_force_shown_of_a_tick_is_the_impulse_in_it() -> None:
     for k in range(150):
         fine = here.coupling.fine.state
         taken = here.coupling.advance(servos, [here.grasp.loads])
-        shown += tick_s * (taken.ticks.body_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
+        shown += tick_s * (taken.body_contact_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
         momentum = mass_kg * scene.bodies.spins[cube, 3:]
         assert shown == pytest.approx(momentum, abs=1e-12), k
         loaded = scene.bodies.applied[cube].any()
@@ -121,7 +121,7 @@ def test_the_force_on_a_body_at_rest_is_even_where_ticks_in_pieces_begin_and_end
 
     def forces(ticks: int) -> list[float]:
         taken = [here.coupling.advance(servos, [here.grasp.loads]) for _ in range(ticks)]
-        return [float(np.linalg.norm(each.ticks.body_force[0, cube])) for each in taken]
+        return [float(np.linalg.norm(each.body_contact_force[0, cube])) for each in taken]
 
     forces(150)
     held = forces(1)
@@ -139,7 +139,7 @@ def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
         grasp.coupling.fine.state = int(fine)
         place = grasp.grasp.scene.joint_position[None]
         servos = Servos.knowing_no_payload(place, speed, 0.0 * speed)
-        joints.append(grasp.coupling.advance(servos, [grasp.grasp.loads]).ticks.joints[0] - place[0])
+        joints.append(grasp.coupling.advance(servos, [grasp.grasp.loads]).joint_position[0] - place[0])
     assert joints[1] == pytest.approx(joints[0], rel=1e-9)  # nothing acts on the arm but its servos
     assert np.abs(joints[0]).min() > 1e-6
 

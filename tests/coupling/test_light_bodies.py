@@ -95,13 +95,13 @@ def bounce(
     servos = Servos.knowing_no_payload(joints[None], 0.0 * joints[None], np.zeros((1, 6)))
     for _ in range(round(seconds / tick_s)):
         fine, taken = scene.tick_s < tick_s, coupling.advance(servos, [loads])
-        entry = taken.ledger()
+        entry = taken.last()
         places.append(scene.body_poses()[0][index])
-        shown = shown + tick_s * taken.ticks.body_force[0, index]
+        shown = shown + tick_s * taken.body_contact_force[0, index]
         ball = mass_kg * scene.bodies.spins[index, 3:], shown
         force = exchange.report.on_each(len(scene.body_names))[index]
-        seen.append((force, entry["contact_ratio"].item(), *ball, fine))
-        assert entry["momentum_error"].item() < 1e-10
+        seen.append((force, entry.contact_ratio, *ball, fine))
+        assert entry.momentum_error < 1e-10
     velocity = np.diff(np.array(places), axis=0) / tick_s
     columns = map(np.array, zip(*seen, strict=True))
     return Bounce(np.array(places)[1:, 2] - start[2], velocity, *columns)
@@ -239,7 +239,7 @@ def test_a_light_spool_is_not_thrown_between_fingers_and_palm() -> None:
     for snapshot in simulation.steps():
         if snapshot.phase > last:
             break
-        strongest = max(strongest, snapshot.ledger.contact_force_N)
+        strongest = max(strongest, snapshot.contact_force_N)
         path.append(snapshot.body_position[simulation.stage.body_names.index("spool")])
     assert 5.0 < strongest < 30.0  # the fingers close with 12 N
     assert np.ptp(path[-25:], axis=0).max() < 1e-4

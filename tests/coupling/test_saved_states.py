@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.columns import TickRow
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.state import restore_states, states_of
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InputError
 from cosim.soft.elements.open_caps import OpenCapSolver
@@ -188,7 +188,7 @@ def driven(here: Rig, first: int, last: int) -> list[Array]:
     """Return what a coupled pair does while its joints swing."""
     found = []
     for k in range(first, last):
-        entry: LedgerEntry = here.ticks(1, 0.02 * np.sin(0.1 * k))[0]
+        entry: TickRow = here.ticks(1, 0.02 * np.sin(0.1 * k))[0]
         figures = (entry.rigid_power_W, entry.soft_power_W, entry.residual_N, entry.stability_ratio)
         found += [here.scene.joint_position, here.soft.state.positions, entry.wrench.force, np.array(figures)]
     return found

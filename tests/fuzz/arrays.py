@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import numpy as np
 
@@ -46,7 +47,9 @@ def arrays_of(value: Any, place: str, seen: dict[int, Any] | None = None) -> Ite
     elif type(value).__module__.partition(".")[0] == "cosim" and not isinstance(value, type):
         for name in dir(value):
             if not name.startswith("_"):
-                yield from arrays_of(getattr(value, name, None), f"{place}.{name}", seen)
+                with catch_warnings(action="ignore", category=DeprecationWarning):
+                    found = getattr(value, name, None)
+                yield from arrays_of(found, f"{place}.{name}", seen)
 
 
 def write_to_all(value: Any) -> None:

@@ -12,13 +12,13 @@ import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from cosim.base.frames import Array, Pose, Twist, Wrench, quaternion_from_rotation, rotation_from_vector
+from cosim.base.frames import Array, Pose, quaternion_from_rotation, rotation_from_vector
 from cosim.base.solid import BodyShape
-from cosim.coupling.schemes.ledger import LedgerEntry
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import FilmShape, RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
+from tests.ticks import made_tick, read_film
 
 MakeStage: TypeAlias = Callable[..., RunInfo]
 MakeSnapshot: TypeAlias = Callable[..., Snapshot]
@@ -69,15 +69,6 @@ def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
     flange = Pose(turn, np.array([0.3, 0.05 * time, 0.5]))
     nodes = flange.apply(MESH.positions * (1.0, 1.0, 1.0 + 3.0 * time))
     tip = nodes[MESH.ring("tip")].mean(axis=0)
-    ledger = LedgerEntry(
-        wrench=Wrench(np.array([0.1, 0.0, -2.0]), np.array([0.0, 0.2 * late, 0.0])),
-        rigid_power_W=0.02,
-        soft_power_W=-0.019,
-        residual_N=0.0 if tick == 0 else 1e-7,
-        newton_iterations=2,
-        stability_ratio=0.4,
-        algorithmic_mass=False,
-    )
     values: dict[str, Any] = {
         "tick": tick,
         "time_s": time,
@@ -89,19 +80,27 @@ def make_snapshot(stage: RunInfo, tick: int, **changes: Any) -> Snapshot:
         "body_position": np.stack([np.zeros(3), flange.translation]),
         "body_quaternion": np.stack([np.array([1.0, 0.0, 0.0, 0.0]), quaternion_from_rotation(turn)]),
         "body_contact_force": np.zeros((2, 3)),
-        "film": FilmShape(nodes, np.array([1e-4 * (1.0 + time)]), tip, turn[:, 2], 0.01 * time),
-        "world_from_flange": flange,
-        "flange_twist": Twist(),
+        "flange_position": flange.translation,
+        "flange_rotation": turn,
         "soft_center": flange.translation,
         "soft_inertia": np.zeros((3, 3)),
         "chamber_pressure_Pa": np.array([1e4 * time]),
         "cable_tension_N": np.array([3.0, 0.0]) * late,
         "tip_target": np.array([0.3, 0.0, 0.4]) if late else None,
-        "ledger": ledger,
+        "wrench": np.array([0.1, 0.0, -2.0, 0.0, 0.2 * late, 0.0]),
+        "rigid_power_W": 0.02,
+        "soft_power_W": -0.019,
+        "residual_N": 0.0 if tick == 0 else 1e-7,
+        "newton_iterations": 2,
+        "stability_ratio": 0.4,
         "tick_wall_s": 0.001,
-        "body_touch": np.zeros((2, 3)),
     }
-    return Snapshot(**(values | changes))
+    values |= changes
+    rare = {"images": values.pop("images", ())}
+    if values["tip_target"] is None:
+        del values["tip_target"]
+    film = read_film(nodes, np.array([1e-4 * (1.0 + time)]), tip, turn[:, 2], 0.01 * time)
+    return made_tick(film, values, **rare)
 
 
 class Recorded:

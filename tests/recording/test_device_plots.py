@@ -13,6 +13,7 @@ from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot, made_up_stage
+from tests.ticks import changed
 
 NAMES = DeviceNames(("main",), (("bend", "bending_angle_rad"), ("lift", "tip_height_m")), True, True)
 REPORT = ActuationReport(
@@ -38,7 +39,7 @@ def values(stage: RunInfo, snapshot: Snapshot) -> dict[str, list[float]]:
 
 
 def test_every_device_has_its_curve(stage: RunInfo) -> None:
-    snapshot = replace(made_up_snapshot(3, 0.002), devices=REPORT)
+    snapshot = changed(made_up_snapshot(3, 0.002), devices=REPORT)
     shown = values(stage, snapshot)
     assert shown["control/bending_angle_rad"] == pytest.approx([30.0])
     assert shown["control/bending_angle_rad/setpoint"] == pytest.approx([45.0])
@@ -55,7 +56,7 @@ def test_every_device_has_its_curve(stage: RunInfo) -> None:
 def test_a_scenario_without_devices_has_no_such_curves(stage: RunInfo) -> None:
     assert values(replace(stage, devices=None), made_up_snapshot(3, 0.002)) == {}
     only_pump = replace(stage, devices=DeviceNames(("main",), (), False, False))
-    assert values(only_pump, replace(made_up_snapshot(3, 0.002), devices=REPORT)).keys() == {
+    assert values(only_pump, changed(made_up_snapshot(3, 0.002), devices=REPORT)).keys() == {
         "pump", "gas_delivered",
     }  # fmt: skip
 

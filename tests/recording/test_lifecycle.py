@@ -18,7 +18,7 @@ from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
 from cosim.recording.recorder import Recorders, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 pytestmark = pytest.mark.usefixtures("strict")
@@ -122,9 +122,8 @@ def test_bare_stage_is_recorded(
     recorder.open(stage)
     corners = np.array([[0.3, 0, 0.5], [0.4, 0, 0.5], [0.3, 0.1, 0.4]])
     for tick in range(20):
-        film = replace(make_snapshot(stage, tick).film, node_position=corners)
-        changes = {"film": film, "cable_tension_N": np.zeros(0), "tip_target": None}
-        recorder.record(TickBatch.of([make_snapshot(stage, tick, **changes)]))
+        table = make_snapshot(stage, tick, cable_tension_N=np.zeros(0), tip_target=None).table
+        recorder.record(replace(table, film=FilmShapes(None, corners[None], table.film.figures)))
     recorder.close("", "completed")
     recorded = read(rrd)
     assert recorded.static("/world/soft/film", "Mesh3D:triangle_indices") == [[0, 1, 2]]

@@ -249,7 +249,7 @@ def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
     assert ends[2] == pytest.approx(-0.053, abs=1e-3)
     assert ends[3] == pytest.approx(ends[2], abs=1e-3)
     assert height > 0.245 + 0.05
-    assert snapshot.ledger.contact_force_N > 0.1 * 9.81
+    assert snapshot.contact_force_N > 0.1 * 9.81
 
 
 def test_a_shake_does_not_pull_the_rim_of_a_roll_through_the_edge_of_a_finger() -> None:
@@ -258,9 +258,9 @@ def test_a_shake_does_not_pull_the_rim_of_a_roll_through_the_edge_of_a_finger() 
     names = simulation.stage.phase_names
     for snapshot in simulation.steps():
         if names[snapshot.phase] == "lift":
-            lifted_N = snapshot.ledger.contact_force_N
+            lifted_N = snapshot.contact_force_N
         elif names[snapshot.phase] == "shake":
-            shaken_N.append(snapshot.ledger.contact_force_N)
+            shaken_N.append(snapshot.contact_force_N)
         if len(shaken_N) == 125:  # half a second
             break
     # the roll, 100 g, is shaken by 0.3 N

@@ -30,6 +30,6 @@ def test_a_scenario_starts_and_goes_on(name: str) -> None:
     bound = scenario.solver.residual_tolerance_N if scenario.mode == "quasistatic" else 0.1
     for snapshot in snapshots:
         assert np.isfinite(snapshot.node_position).all()
-        assert snapshot.ledger.residual_N <= bound
-        assert snapshot.ledger.momentum_error < 1e-10
+        assert snapshot.residual_N <= bound
+        assert snapshot.momentum_error < 1e-10
         assert np.linalg.norm(snapshot.tip_direction) == pytest.approx(1.0)

@@ -97,7 +97,7 @@ def test_contact_is_modelled_from_where_films_come_to_press(path: Path) -> None:
         list(build_simulation(scenario(path, **{**CURL, "contact__self_contact": asked})).steps())
         for asked in ("auto", False, True)
     )
-    first = next(k for k, snapshot in enumerate(auto) if snapshot.ledger.self_contacts)
+    first = next(k for k, snapshot in enumerate(auto) if snapshot.self_contacts)
     assert first > 10
     assert_close(auto[:first], never[:first], 0.0)
     assert not np.array_equal(auto[first].node_position, never[first].node_position)
@@ -109,6 +109,6 @@ def test_contact_is_modelled_from_where_films_come_to_press(path: Path) -> None:
 def test_ticks_that_are_solved_closely_take_few_iterations(path: Path) -> None:
     """Rings of beams that end their search as in ordinary ticks leave 2e-6 N, which no iteration removes."""
     changes = {"solver__dynamic_tolerance_N": 1e-7, "solver__dynamic_newton_iterations": 50}
-    iterations = [s.ledger.newton_iterations for s in build_simulation(scenario(path, **changes)).steps()]
+    iterations = [s.newton_iterations for s in build_simulation(scenario(path, **changes)).steps()]
     assert max(iterations) < 20  # 50 and more where they are at the bound
     assert float(np.mean(iterations)) < 6.0

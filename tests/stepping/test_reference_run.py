@@ -58,8 +58,8 @@ def test_snapshots_are_complete_finite_and_in_order(mode: str) -> None:
     assert (np.diff([snapshot.phase for snapshot in snapshots[1:]]) >= 0).all()
     for snapshot in snapshots:
         for value in (snapshot.node_position, snapshot.joint_position, snapshot.body_position,
-                      snapshot.ledger.wrench.force, snapshot.ledger.wrench.torque, snapshot.sag_m,
-                      snapshot.ledger.power_error_W):  # fmt: skip
+                      snapshot.wrench.force, snapshot.wrench.torque, snapshot.sag_m,
+                      snapshot.power_error_W):  # fmt: skip
             assert np.isfinite(value).all()
     # arrays are the snapshot's own: none is a later one's
     nodes = [snapshot.node_position for snapshot in snapshots[-3:]]
@@ -80,13 +80,13 @@ def test_phases_end_with_the_loads_they_name(mode: str) -> None:
 
 def test_quasistatic_equilibria() -> None:
     _, snapshots = run("quasistatic")
-    assert max(snapshot.ledger.residual_N for snapshot in snapshots) < 1e-6
+    assert max(snapshot.residual_N for snapshot in snapshots) < 1e-6
     weight = run("quasistatic")[0].soft_weight_N
     assert weight == pytest.approx(8.52)
     for snapshot in snapshots:
         # payload compensation: the arm stands where it was told to, whatever hangs on it
         assert snapshot.joint_position == pytest.approx(snapshot.joint_target, abs=1e-8)
-        assert snapshot.ledger.wrench.force == pytest.approx([0.0, 0.0, -weight], abs=1e-6 * weight)
+        assert snapshot.wrench.force == pytest.approx([0.0, 0.0, -weight], abs=1e-6 * weight)
 
 
 def test_few_increments_lead_to_the_same_phase_ends() -> None:
@@ -128,8 +128,8 @@ def test_dynamic_run_follows_the_quasistatic_one() -> None:
         assert np.linalg.norm(moving[name].tip_position - still[name].tip_position) < 0.1, name
     assert moving["hang"].tip_position == pytest.approx(still["hang"].tip_position, abs=1e-6)
     _, snapshots = run("dynamic")
-    assert max(snapshot.ledger.residual_N for snapshot in snapshots) < 0.1
-    assert any(np.linalg.norm(snapshot.ledger.wrench.force[:2]) > 0.5 for snapshot in snapshots)
+    assert max(snapshot.residual_N for snapshot in snapshots) < 0.1
+    assert any(np.linalg.norm(snapshot.wrench.force[:2]) > 0.5 for snapshot in snapshots)
 
 
 def power_errors(tick_s: float) -> Iterator[float]:
@@ -145,7 +145,7 @@ def power_errors(tick_s: float) -> Iterator[float]:
         ],
     }
     for snapshot in build(load_scenario(REFERENCE, changes)).steps():
-        yield abs(snapshot.ledger.power_error_W)
+        yield abs(snapshot.power_error_W)
 
 
 def test_power_lost_at_the_interface_is_of_first_order_in_the_tick() -> None:
@@ -207,5 +207,5 @@ def test_the_command_writes_the_summary_of_a_real_run(tmp_path: Path) -> None:
     assert reach["name"] == "reach"
     assert reach["tip_error_m"] < 1e-4
     _, snapshots = run("quasistatic")
-    assert summary["newton_iterations"] == sum(s.ledger.newton_iterations for s in snapshots)
+    assert summary["newton_iterations"] == sum(s.newton_iterations for s in snapshots)
     assert reach["tip_position_m"] == pytest.approx(snapshots[-1].tip_position.tolist(), abs=1e-9)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.app.checkpoint import check_shown
 from cosim.base.names import LOST, TERMS
 from cosim.base.names import PUT_IN as ALL_PUT_IN
-from cosim.base.state import check_state
 from cosim.recording.plots import plots_of
-from cosim.telemetry.snapshot import Snapshot
 
 SCENARIO = """
 schema = 2
@@ -173,12 +172,12 @@ def test_ticks_in_pieces_close_the_balance_and_a_block_bounces_as_in_short_ticks
     assert restitution[0] == pytest.approx(restitution[1], rel=0.1)
     # one tick at a time, as a loop of someone else takes them, pieces are known as well
     simulation = cosim.Simulation(file, overrides={"object.block.position_m": place})
-    snapshot = next(each for _ in range(60) if (each := simulation.step()).pieces is not None)
-    assert snapshot.pieces is not None
-    assert len(snapshot.pieces.positions) == 4
-    np.testing.assert_array_equal(snapshot.pieces.positions[-1], snapshot.node_position)
-    assert not snapshot.pieces.positions.flags.writeable
-    check_state(snapshot, snapshot, Snapshot)  # as a resumed run does with the last one
+    snapshot = next(each for _ in range(60) if (each := simulation.step()).table.pieces)
+    (pieces,) = snapshot.table.pieces.values()
+    assert len(pieces.positions) == 4
+    np.testing.assert_array_equal(pieces.positions[-1], snapshot.node_position)
+    assert not pieces.positions.flags.writeable
+    check_shown(snapshot.kept(), simulation.stage)  # as a resumed run does with the last one
 
 
 LOSSY: dict[str, Any] = {"solver__integrator": "bdf2", "soft_robot__film__loss_factor": 0.05}

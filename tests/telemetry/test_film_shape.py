@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from cosim.base.state_file import load, save
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.telemetry.snapshot import FilmShape, Snapshot, UnreadFilmShape
+from cosim.telemetry.snapshot import FilmShapes, Snapshot
 from tests.soft.bodies import hexagon_arm
 
 READ_LATER = ("node_position", "tip_position", "tip_direction", "sag_m", "volume_m3", "chamber_volume_m3")
@@ -31,30 +30,30 @@ def test_what_the_shape_decides_is_read_once() -> None:
         asked += 1
         return np.array([[1e-3, 2e-3]])
 
-    film = UnreadFilmShape(MeshReader(body, volumes), body.positions)
+    film = FilmShapes(MeshReader(body, volumes), [body.positions])
     assert asked == 0
-    assert film.chamber_volume_m3 == pytest.approx([1e-3, 2e-3])
-    assert film.tip_position == pytest.approx(body.tip_position(body.positions))
-    assert film.center_line_m == pytest.approx(np.linalg.norm(film.tip_position))
-    assert np.shares_memory(film.read().node_position, film.node_position)
+    assert film.figures.volumes_m3[0] == pytest.approx([1e-3, 2e-3])
+    assert film.tip_position[0] == pytest.approx(body.tip_position(body.positions))
+    assert film.figures.center_line_m[0] == pytest.approx(np.linalg.norm(film.tip_position[0]))
+    assert film.read().figures is film.figures
     assert asked == 1
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda film: pickle.loads(pickle.dumps(film))])
 def test_copies_hold_the_values(copied: Callable[[Any], Any]) -> None:
     body = hexagon_arm(2)
-    film = UnreadFilmShape(MeshReader(body, lambda _shapes: np.ones((1, 1))), body.positions)
+    film = FilmShapes(MeshReader(body, lambda _shapes: np.ones((1, 1))), [body.positions])
     found = copied(film)
-    assert type(found) is FilmShape
-    for field in fields(FilmShape):
-        np.testing.assert_array_equal(getattr(found, field.name), getattr(film, field.name))
+    np.testing.assert_array_equal(found.node_position(), body.positions[None])
+    for name, value in vars(film.figures).items():
+        np.testing.assert_array_equal(getattr(found.figures, name), value)
 
 
 def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
     snapshot = next(
         build(load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": "rigid"})).steps()
     )
-    with pytest.raises(TypeError, match=r"film is a UnreadFilmShape, which no saved state can hold"):
+    with pytest.raises(TypeError, match=r"film._reader is a MeshReader, which no saved state can hold"):
         save(tmp_path / "state", snapshot)
     save(tmp_path / "state", snapshot.kept())
     found = load(tmp_path / "state")

@@ -9,14 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from cosim.base.column import figures_of
+from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import Footing
+from cosim.telemetry.snapshot import FilmShapes
 from cosim.telemetry.summary import SummaryBuilder, error_line, summary_markdown
-from cosim.telemetry.tick_batch import TickBatch
+from tests.ticks import changed
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
 
@@ -47,9 +49,9 @@ def test_power_that_vanishes_counts_like_power_that_appears(
     builder = SummaryBuilder(simulation.stage, 0.0, "0")
     for snapshot in simulation.steps():
         error_W = sign * 1e-6 * snapshot.tick
-        entry = replace(snapshot.ledger, soft_power_W=-1.0 + error_W, power_size_W=2.0)
+        entry = changed(snapshot, soft_power_W=-1.0 + error_W, power_size_W=2.0)
         assert entry.power_error_W == pytest.approx(error_W)
-        builder.observe(TickBatch.of([replace(snapshot, ledger=entry)]))
+        builder.observe(entry.table)
     summary = builder.finish("completed", None, 0.01)
     assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
     assert summary["max_interface_power_error"] == pytest.approx(12.5e-6)
@@ -72,8 +74,8 @@ def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., An
     simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
     builder = SummaryBuilder(simulation.stage, 0.0, "0")
     first = next(simulation.steps())
-    lost = replace(first.film, center_line_m=float("nan"))
-    builder.observe(TickBatch.of([replace(first, film=lost)]))
+    figures = replace(first.table.film.figures, center_line_m=np.array([np.nan]))
+    builder.observe(replace(first.table, film=FilmShapes(None, first.table.film.node_position(), figures)))
     figures = builder.finish("failed", "InstabilityError: nan", 0.0)
     assert figures["phases"][0]["sag_m"] is None
     json.dumps(figures, allow_nan=False)
@@ -82,7 +84,8 @@ def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., An
 
 def test_every_key_is_documented_and_every_documented_key_exists(summary: dict[str, Any]) -> None:
     documented = set(re.findall(r"^\| `(\w+)` \|", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE))
-    documented |= {figure.name for _, figure in figures_of(TickColumns)}  # in a table that is made of them
+    reduced = [*figures_of(TickColumns), *ends_of(TickColumns)]  # in tables that are made of them
+    documented |= {figure.name for _, figure in reduced}
     keys = set(summary) | {key for phase in summary["phases"] for key in phase}
     absent = {"devices", "tip_path", "tip_angle_error_rad"}  # a made-up run has none of these
     assert documented == keys | set(summary["phases"][0]["flange_wrench"]) | absent
@@ -114,7 +117,7 @@ def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callab
         builder = SummaryBuilder(stage, 0.0, "0")
         for snapshot in simulation.steps():
             stands = Footing(frequency_Hz, 0.0, 1.0, frequencies_Hz=(frequency_Hz,))
-            builder.observe(TickBatch.of([replace(snapshot, footing=stands)]))
+            builder.observe(changed(snapshot, footing=stands).table)
         summary = builder.finish("completed", None, 0.01)
         mode = {"frequency_Hz": frequency_Hz, "declared_decay_per_s": 1.0, "numerical_decay_per_s": numerical}
         assert all(phase["modes"] == [mode] for phase in summary["phases"])

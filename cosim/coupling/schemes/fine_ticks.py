@@ -28,11 +28,11 @@ from cosim.soft.body.loads import Loads
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
 _SETTLED: Final = 0.5  # share of it below which a tick is calm
 _CALM_TICKS: Final = 10  # of such in a row, after which ticks are whole again
-_LAST: Final = (
-    "figures", "origin", "axes", "twist", "joints", "joint_speed", "servo_torque", "places", "quaternions",
-    "residual", "contacts", "contact", "self_contact",
+_MEAN: Final = (
+    "mounted_load", "body_contact_force", "rigid_power_W", "soft_power_W", "power_size_W", "contact_force_N",
 )  # fmt: skip
-"""Columns of a tick that are those of its last piece."""
+_SUM: Final = ("newton_iterations", "contact_work_J", "self_contact_work_J", "eyelets_J", "bodies_work_J")
+"""Columns of a tick that are the mean or the sum of its pieces; others are those of the last one."""
 
 
 @final
@@ -84,12 +84,13 @@ class FineTicks:
         scene, soft = interface.scene, interface.soft
         count, ticks, begin, before = scene.substeps, interface.state.ticks, soft.loads, soft.state
         fine, shapes = interface.room(count), []
+        fine.algorithmic_mass[:] = carried.acts
         for k in range(count):
             scene.go_finely(count - k)
             asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
             tick(interface, carried, asked, begin.interpolated(loads, (k + 1) / count), fine)
             shapes.append(soft.state.positions)
-        taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.ticks.twist, fine.ticks.origin)
+        taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.flange_twist, fine.flange_position)
         self._condense(fine, taken)
         interface.count_as_one(ticks)
         self.look()
@@ -105,15 +106,13 @@ class FineTicks:
 
     def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:
         """Fill the row of the tick in progress with what its pieces have left."""
-        k, to, of, soft = taken.done, taken.ticks, fine.ticks, self._interface.soft
-        for name in _LAST:
-            getattr(to, name)[k] = getattr(of, name)[-1]
-        to.touch[k], to.mounted[k] = of.touch[-1], of.mounted.mean(0)
-        to.touch[k, :, 0] = of.touch[:, :, 0].mean(0)
-        to.momentum_error[k], to.iterations[k] = of.momentum_error.max(), of.iterations.sum()
-        to.power[k], to.work[k], to.body_force[k] = of.power.mean(0), of.work.sum(0), of.body_force.mean(0)
-        to.contact[k, 0] = of.contact[:, 0].mean()
-        to.hit[k] = max(of.hit.tolist(), key=lambda hit: hit[0] / hit[1] if hit[2] >= 0 else 0.0)
-        taken.pressure_Pa[k], taken.stability_ratio[k] = fine.pressure_Pa[-1], fine.stability_ratio[-1]
-        taken.parts.append([soft.shape_now()])
+        k = taken.done
+        for name, of in fine.arrays.items():
+            taken.arrays[name][k] = of.mean(0) if name in _MEAN else of.sum(0) if name in _SUM else of[-1]
+        taken.body_touch[k, :, 0] = fine.body_touch[:, :, 0].mean(0)
+        taken.momentum_error[k] = fine.momentum_error.max()
+        hits = zip(fine.hit_m_s.tolist(), fine.hit_way_m.tolist(), fine.hit_body.tolist(), strict=True)
+        worst = max(hits, key=lambda hit: hit[0] / hit[1] if hit[2] >= 0 else 0.0)
+        taken.hit_m_s[k], taken.hit_way_m[k], taken.hit_body[k] = worst
+        taken.parts.append([self._interface.soft.shape_now()])
         taken.done += 1

@@ -15,6 +15,8 @@ from typing import Any, final
 
 import numpy as np
 
+from cosim.base.column import room_for
+from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, Pose, SixNumbers, Wrench
 from cosim.base.kernels import unchecked
 from cosim.base.state import states_of
@@ -31,8 +33,7 @@ from cosim.coupling.schemes.transfer import (
     work_rate,
 )
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.tick_rows import SceneRows
-from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures
+from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures, scene_columns, sizes_of
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.assembly import FIGURES
 from cosim.rigid.scene.coupled_scene import CoupledScene
@@ -88,7 +89,9 @@ class Interface:
         mounted: Array | None = None,
     ) -> None:
         self.scene, self.soft, self.contact = scene, soft, contact
-        self._rows = SceneRows.of(scene)
+        self._rows = scene_columns(scene)
+        joints, bodies, chambers = len(scene.joint_names), scene.bodies.count, len(soft.pressures_Pa)
+        self._room = room_for(TickColumns, sizes_of(joints, bodies, chambers))
         self._mounted = np.zeros(10) if mounted is None else np.array(mounted)
         self._payload, self._mass_kg, self._acting = np.zeros(10), soft.mass_kg, NOTHING
         untouched = contact_arrays.BodyLoads.of(scene.bodies, ahead=False)
@@ -182,8 +185,7 @@ class Interface:
 
     def room(self, count: int) -> TicksTaken:
         """Return room for so many ticks."""
-        scene = self.scene
-        return TicksTaken.room(count, len(scene.joint_names), scene.bodies.count, len(self.soft.pressures_Pa))
+        return TicksTaken(self._room(count))
 
     def load_flange(self, wrench: Wrench) -> None:
         """Let a wrench act on the flange in the rigid step to come."""
@@ -276,7 +278,7 @@ class Interface:
     def hand_over(self, reply: SoftReply, taken: TicksTaken, acted: Wrench | None = None) -> None:
         """Hand over the wrench that `advance_soft` has returned, and end the tick in progress.
 
-        Powers are those of what has acted and of the answer, see `LedgerEntry`.
+        Powers are those of what has acted and of the answer.
 
         Args:
             reply: of the soft side.
@@ -284,22 +286,25 @@ class Interface:
             acted: on the flange in the tick, at its origin now; that of `load_flange` unless given.
         """
         self.update_figures()
-        k, ticks, flange, state = taken.done, taken.ticks, self.scene.flange, self._state
+        k, flange, state = taken.done, self.scene.flange, self._state
         a, b, c, *speed = flange.spin.tolist()
         answer, moving = numbers_of(reply.wrench), (*speed, a, b, c)
         acting = self._acting if acted is None else numbers_of(acted)
         about_world = about_origin(answer, self.scene.flange_pose.translation)
         force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
-        ticks.power[k] = work_rate(acting, moving), -work_rate(answer, moving), _size(answer, moving)
+        taken.rigid_power_W[k], taken.soft_power_W[k] = work_rate(acting, moving), -work_rate(answer, moving)
+        taken.power_size_W[k] = _size(answer, moving)
         if self.contact is None:
             handed = TransferredLoads(about_world, NOTHING, force_N, 0.0)
         else:
             *on_bodies, size_N, normal_N = self._bodies.handed.tolist()
             handed = TransferredLoads(about_world, tuple(on_bodies), force_N, size_N, normal_N)
             touched = self.contact.report
-            ticks.contacts[k], ticks.work[k, 0] = touched.count, touched.work_J
-            ticks.contact[k] = state.handed.bodies_normal_N, touched.depth_m, self.contact_ratio
-            ticks.hit[k] = touched.hit_m_s, touched.hit_way_m, touched.hit_body
+            taken.contacts[k], taken.contact_work_J[k] = touched.count, touched.work_J
+            taken.contact_force_N[k] = state.handed.bodies_normal_N
+            taken.contact_depth_m[k], taken.contact_ratio[k] = touched.depth_m, self.contact_ratio
+            taken.hit_m_s[k], taken.hit_way_m[k] = touched.hit_m_s, touched.hit_way_m
+            taken.hit_body[k] = touched.hit_body
         self._state = InterfaceState(state.wrench, handed, state.ratio, state.ticks + 1)
         taken.stability_ratio[k] = state.ratio
         taken.end_tick(reply, self.soft, self.figures)

@@ -143,7 +143,7 @@ class Trial:
         size: of the residual over that of the loads.
         reply: of the soft side.
         received: read back from MuJoCo: on the flange, about the world's origin.
-        on_bodies: how far what acts on them is from what was handed over, see `LedgerEntry`.
+        on_bodies: how far what acts on them is from what was handed over.
     """
 
     load: Array
@@ -314,10 +314,10 @@ class IteratedCoupling(Coupling):
             found = search.run(self._expected(vector, last) + owed, last, owed)
         interface.hand_over(found.reply, taken, vector.wrench(found.load))
         left_over, history = vector.about_world(found.residual), self.state.history[:1]
-        taken.ticks.momentum_error[0] = self._momentum_error(left_over, found)
+        taken.momentum_error[0] = self._momentum_error(left_over, found)
         self.state = IteratedState((vector.about_world(found.answered), *history), left_over, search.inverse)
-        taken.ticks.iterations[0], taken.trials[0] = search.newton_iterations, search.trials
-        taken.scheme, taken.interface_residual[0] = "iterated", found.size
+        taken.newton_iterations[0], taken.trials[0] = search.newton_iterations, search.trials
+        taken.scheme[0], taken.interface_residual[0] = "iterated", found.size
         return taken
 
     def _expected(self, vector: FlangeLoad, last: Array) -> Array:

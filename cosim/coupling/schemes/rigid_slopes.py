@@ -56,7 +56,7 @@ def rigid_slopes(
         except InstabilityError as error:
             raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0) from error
         felt = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]
-        return np.concatenate([taken.ticks.joints[0], taken.ticks.joint_speed[0], felt])
+        return np.concatenate([taken.joint_position[0], taken.joint_velocity[0], felt])
 
     try:
         columns = [

@@ -506,7 +506,7 @@ class SoftSide(ABC):
         return MassProperties.of(self.body.node_mass, self.state.positions)
 
     def fill_mass(self, figures: Array) -> None:
-        """Fill centre and inertia of the mass at the present shape in figures (FIGURES,), see `Ticks`."""
+        """Fill centre and inertia of the mass at the present shape in figures (FIGURES,)."""
         mass = self.mass_properties()
         figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
 

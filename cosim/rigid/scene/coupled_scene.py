@@ -125,7 +125,7 @@ class CoupledScene(ABC):
         raise NotImplementedError("somebody else steps this scene")
 
     def read_touch(self, touch: Array) -> None:  # noqa: B027  # most scenes have no such sensors
-        """Fill columns 1 and 2 of touch (bodies, 3): what sensors count of contacts, see `Ticks.touch`."""
+        """Fill columns 1 and 2 of touch (bodies, 3): contacts that sensors count, see `TickColumns`."""
 
     def check(self) -> None:  # noqa: B027  # whoever else steps a scene sees to it
         """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
