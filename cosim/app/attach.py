@@ -88,7 +88,7 @@ class _Hung:
         tick: ticks taken.
         steps: of MuJoCo taken in the tick in progress.
         stage: between two steps, in one, or broken off.
-        ledger: of the last tick.
+        ledger: returns that of the last tick.
         ahead: what ticks to come are asked for, as long as nothing new is commanded.
         ahead_tick: the first of them.
     """
@@ -97,7 +97,7 @@ class _Hung:
     carrier: HostCarrier
     parts: Parts
     loads: Loads
-    ledger: TickRow | Callable[[], TickRow]
+    ledger: Callable[[], TickRow]
     ahead: tuple[SoftCommand, ...] = ()
     ahead_tick: int = 0
     tick: int = 0
@@ -203,11 +203,11 @@ class Attached:
         steps = (run.steps + 1) % self._host.steps
         if not steps:
             try:
-                run.carrier.end(run.loads)
+                taken = run.carrier.end(run.loads)
             except SolverError as error:
                 where = f"soft robot at {self._host.at!r}, {run.scene.time_s:.4f} s"
                 raise error.at(where) from error.__cause__
-            run.tick, run.ledger = run.tick + 1, run.carrier.last_tick
+            run.tick, run.ledger = run.tick + 1, taken.last
         run.steps, run.stage = steps, _Stage.BETWEEN
 
     def step(self, model: Model, data: Data, steps: int = 1) -> None:
@@ -273,7 +273,8 @@ class Attached:
         for command, ticks in self._waiting:
             parts.commands.command(command, ticks)
         sizes = sizes_of(0, len(scene.body_names), len(parts.soft.pressures_Pa))
-        run = _Hung(scene, carrier, parts, loads, TickRow(TickTable(rest_columns(found, sizes))))
+        rest = TickRow(TickTable(rest_columns(found, sizes)))
+        run = _Hung(scene, carrier, parts, loads, lambda: rest)
         self._hung, self._waiting = run, []
         return run
 
@@ -360,8 +361,7 @@ class Attached:
     @property
     def ledger(self) -> TickRow:
         """What was exchanged in the last tick."""
-        ledger = self._run.ledger
-        return ledger() if callable(ledger) else ledger
+        return self._run.ledger()
 
     @property
     def tip_position(self) -> Array:
@@ -399,7 +399,7 @@ class Attached:
     def measure(self) -> Measurement:
         """Return a measurement of the present state, without noise; without joints of the scene."""
         run = self._run
-        return run.parts.measured_now(run.tick * self.tick_s, np.array(run.loads.cable_tension_N))
+        return run.parts.measured(run.tick * self.tick_s, np.array(run.loads.cable_tension_N))
 
     def save(self) -> AttachedState:
         """Return the present state, MuJoCo's included; saving has no effect on the ticks to come.
@@ -441,7 +441,7 @@ class Attached:
         self._break_off()
         run.parts.soft.full_state = state.soft
         restore_states(run.stateful(), states)
-        run.tick, run.loads, run.ledger = state.tick, state.loads, state.ledger
+        run.tick, run.loads, run.ledger = state.tick, state.loads, lambda: state.ledger
         run.steps, run.ahead = 0, ()
         self._known.add(state)
         run.stage = _Stage.BETWEEN

@@ -30,9 +30,10 @@ from cosim.plan.start_checks import check_base, checked_start, drawn_payload
 from cosim.plan.static_plan import SolvedPhases, solved_phases
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.carrier import Carrier, HeldBase
-from cosim.stepping.dynamic import ArmsRun, DynamicSimulation
+from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
+from cosim.stepping.several_arms import ArmsRun
 from cosim.telemetry.snapshot import RunInfo
 
 if TYPE_CHECKING:

@@ -199,7 +199,7 @@ class Parts:
         """Return what is asked for in a step that is then taken."""
         return self.commands.next(step, lambda: self._robot(step.begin_s))
 
-    def measured_now(self, time_s: float, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
+    def measured(self, time_s: float, tension_N: Array, sensors: Sequence[str] = ()) -> Measurement:
         """Return what is measured now, with tensions (cables,) of the last tick; see `SteeredCommands`."""
         return self.commands.measured(self._robot(time_s), tension_N, sensors)
 
@@ -219,10 +219,6 @@ class Parts:
             dict(zip(names, read_only(carrier.touched.on_each(len(names))), strict=True)),
             BodyPoses(names, *carrier.body_poses()),
         )
-
-    def measured(self, last: Snapshot, sensors: Sequence[str] = ()) -> Measurement:
-        """Return what is measured of the run after the tick of a snapshot; see `SteeredCommands`."""
-        return self.measured_now(last.time_s, last.cable_tension_N, sensors)
 
     def sensed(self, time_s: float, tension_N: Array) -> tuple[Array, Array]:
         """Let the sensors read the run after a tick; see `SteeredCommands`."""

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final, final
 
 import numpy as np
 
-from cosim.base.columns import TickRow
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
 from cosim.base.state import check_state
@@ -385,7 +384,6 @@ class HostCarrier(SceneCarrier):
     def __init__(self, scene: host_scene.HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
         super().__init__(scene, soft, contact)
         self._scene = scene
-        self._last: TicksTaken | None = None
 
     @property
     def report(self) -> Mapping[str, str]:
@@ -443,15 +441,10 @@ class HostCarrier(SceneCarrier):
         with self._scene.lent():
             return super().advance(servos, loads)
 
-    def end(self, loads: Loads) -> None:
+    def end(self, loads: Loads) -> TicksTaken:
         """End a tick: the soft robot moves to where the flange has come, under loads at the end of the tick.
 
         Raises:
             ConvergenceError: the soft step has no solution.
         """
-        self._last = self.advance(_NO_SERVOS, [loads])
-
-    def last_tick(self) -> TickRow:
-        """Return what was exchanged in the last tick."""
-        assert self._last is not None, "end() comes before"
-        return self._last.last()
+        return self.advance(_NO_SERVOS, [loads])

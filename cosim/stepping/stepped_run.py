@@ -137,9 +137,7 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved; the snapshots so far stand.
         """
-        wanted = sys.maxsize if most is None else most
-        while wanted and (taken := self._some(1)) is not None:
-            wanted -= 1
+        for taken in self.batches(1, most):
             yield from taken
 
     def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[tick_batch.TickBatch]:
@@ -180,8 +178,7 @@ class SteppedRun(ABC):
         Raises:
             SolverError: the physics could not be solved.
         """
-        while steps and (taken := self._some(min(steps, TOGETHER))) is not None:
-            steps -= len(taken)
+        for taken in self.batches(most=steps):
             last = taken
         return last.snapshot(-1)
 
@@ -200,7 +197,7 @@ class SteppedRun(ABC):
         Raises:
             InputError: there is no such sensor.
         """
-        return self._parts.measured(last, sensors)
+        return self._parts.measured(last.time_s, last.cable_tension_N, sensors)
 
     def seeded(self, last: Snapshot, seed: int) -> Snapshot:
         """Let the sensors begin with a seed after the last step, and return its snapshot with them."""

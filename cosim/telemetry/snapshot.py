@@ -139,7 +139,7 @@ class FilmShapes:
     def node_position(self, rows: slice = slice(None)) -> Array:
         """Return the film's nodes (k, nodes, 3) [m] at some of the ticks."""
         shapes = self._shapes[rows]
-        return np.asarray(shapes if self._reader is None else self._reader.films(shapes))
+        return np.array(shapes) if self._reader is None else self._reader.films(shapes)
 
     def moments(self) -> Array:
         """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0: none are known."""
