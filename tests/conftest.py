@@ -133,6 +133,10 @@ class MadeUpSimulation:
         """Yield the same, each as a batch."""
         return (TickBatch.of([snapshot]) for snapshot in self.steps(most))
 
+    def advance(self, ticks: int) -> Snapshot:
+        """Return the snapshot after some ticks."""
+        return list(self.steps(ticks))[-1]
+
     def save_state(self) -> int:
         """Return the next tick."""
         return self.next_tick

@@ -231,6 +231,7 @@ class Disturbed:
         self._inner, self._tick, self._disturb = inner, tick, disturb
         self.stage: RunInfo = inner.stage
         self.save_state, self.restore_state = inner.save_state, inner.restore_state
+        self.advance = inner.advance
         self.errors = None
 
     @property
