@@ -11,8 +11,9 @@ import numpy as np
 from cosim.base.column import columns_of, room_for
 from cosim.base.columns import TickColumns
 from cosim.base.frames import Array
-from cosim.coupling.schemes.ledger import ShapeFigures
-from cosim.telemetry.snapshot import FilmShapes, Snapshot
+from cosim.coupling.film_figures import ShapeFigures
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 

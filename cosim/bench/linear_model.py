@@ -21,7 +21,8 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
-from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 _ROUNDING: Final = 1e-12

@@ -14,7 +14,7 @@ from cosim.base.column import room_for
 from cosim.base.columns import TickColumns, TickRow, TickTable
 from cosim.base.frames import Array, Wrench
 from cosim.base.kernel_types import Blocks, Matrix
-from cosim.coupling.schemes.ledger import TickPieces
+from cosim.coupling.film_figures import TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
 from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.coupling.schemes.ledger import Clock
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InstabilityError, SolverError
@@ -17,7 +16,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
 from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
-from cosim.telemetry.snapshot import FilmShapes, RunInfo
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -208,7 +208,7 @@ class DynamicSimulation(SteppedRun):
         if ahead is not None:
             self._ahead = self._worked_out(ahead, to, ahead=True)
             return self._ahead.some(to, most) or self._ahead
-        step = StepToTake(to.phase, to.done, Clock(tick_s, to.tick).time_s - tick_s, tick_s)
+        step = StepToTake(to.phase, to.done, to.tick * tick_s - tick_s, tick_s)
         command = parts.command(step)
         return self._worked_out(CommandsAhead(command.joints.as_rows(), (command.soft,)), to, ahead=False)
 
@@ -337,7 +337,7 @@ class DynamicSimulation(SteppedRun):
         )
 
     def _step_of(self, to: Cursor) -> str:
-        return f"tick {to.tick} ({Clock(self.stage.tick_s, to.tick).time_s:g} s)"
+        return f"tick {to.tick} ({to.tick * self.stage.tick_s:g} s)"
 
     @property
     def state(self) -> DynamicState:

@@ -29,7 +29,8 @@ from cosim.soft.contact.flange_face import FlangeFace
 from cosim.soft.solve import branching, self_contact
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
-from cosim.telemetry.snapshot import FilmShapes, Snapshot
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 

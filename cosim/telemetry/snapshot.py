@@ -1,15 +1,10 @@
-"""What a run shows of itself: one frozen description of the stage, one snapshot per tick.
-
-The film's shape is read when somebody asks for it.
-"""
+"""What a run shows of itself: one frozen description of the stage, one snapshot per tick."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import chain
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
 from warnings import warn
 
@@ -17,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.columns import TickRow
-from cosim.base.frames import Array, IntArray, Pose, Shown, Wrench, read_only
+from cosim.base.frames import Array, IntArray, Pose, Shown, Wrench
 from cosim.base.solid import BodyShape
-from cosim.coupling.schemes.ledger import ShapeFigures
 from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
     from cosim.base.solid import LinkContact
-    from cosim.coupling.soft_sides.shape_reader import ShapeReader
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.tip_errors import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
@@ -82,78 +75,6 @@ class CameraImage(Shown):
 Decay: TypeAlias = Callable[[float, float], tuple[float, float]]
 """Natural frequency [Hz], and twice the decay [1/s] by its materials -> decay [1/s] that all losses ask for,
 and what ticks add to it."""
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class FilmShapes:
-    """The film at the ends of k ticks; read all together, which costs a fraction of one by one.
-
-    Args:
-        _reader: of the shapes; None where these have been read.
-        _shapes: k, as the reader needs them, which nothing that happens later changes; or (k, nodes, 3) [m].
-        _known: figures of the shapes; None where they are still to be read.
-    """
-
-    _reader: ShapeReader | None
-    _shapes: Any
-    _known: ShapeFigures | None = None
-
-    def __post_init__(self) -> None:
-        if self._reader is None:
-            vars(self)["_shapes"] = read_only(self._shapes)
-
-    @classmethod
-    def joined(cls, parts: Sequence[FilmShapes]) -> FilmShapes:
-        """Return some films as one, at least one, in order."""
-        if any(part._reader is not parts[0]._reader for part in parts):
-            parts = [part.read() for part in parts]
-        reader, known = parts[0]._reader, None
-        shapes = [part._shapes for part in parts]
-        if any(part._known is not None for part in parts):
-            columns = [vars(part.figures).values() for part in parts]
-            known = ShapeFigures(*map(np.concatenate, zip(*columns, strict=True)))
-        return cls(reader, np.concatenate(shapes) if reader is None else [*chain(*shapes)], known)
-
-    @cached_property
-    def figures(self) -> ShapeFigures:
-        """Figures of all shapes."""
-        if self._known is not None:
-            return self._known
-        assert self._reader is not None, "what has been read has figures"
-        return self._reader.figures(self._shapes)
-
-    @property
-    def tip_position(self) -> Array:
-        """Tips (k, 3) [m] of all shapes; of shapes that are still to be read nothing else is read."""
-        if self._reader is None or "figures" in vars(self):
-            return self.figures.tip_position
-        return self._reader.tips(self._shapes)
-
-    def some(self, rows: IntArray) -> FilmShapes:
-        """Return some of the shapes, by their places."""
-        known = self._known if self._reader is None else vars(self).get("figures", self._known)
-        shapes = self._shapes[rows] if self._reader is None else [self._shapes[k] for k in rows.tolist()]
-        return FilmShapes(self._reader, shapes, known and known.some(rows))
-
-    def node_position(self, rows: slice = slice(None)) -> Array:
-        """Return the film's nodes (k, nodes, 3) [m] at some of the ticks."""
-        shapes = self._shapes[rows]
-        return np.array(shapes) if self._reader is None else self._reader.films(shapes)
-
-    def moments(self) -> Array:
-        """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0: none are known."""
-        if self._reader is None:
-            return np.zeros((len(self._shapes), 0, 3))
-        return self._reader.moments(self._shapes)
-
-    def read(self) -> FilmShapes:
-        """Return the same without what reads it."""
-        return FilmShapes(None, self.node_position(), self.figures)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return what is pickled: what has been read."""
-        return FilmShapes, (None, self.node_position(), self.figures)
 
 
 @final

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from cosim.base.column import listing_columns
 from cosim.base.columns import TickTable
 from cosim.base.frames import IntArray, read_only
-from cosim.coupling.schemes.ledger import TickPieces
+from cosim.coupling.film_figures import TickPieces
 from cosim.devices.device_report import ActuationReport
-from cosim.telemetry.snapshot import CameraImage, FilmShapes, Snapshot
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import CameraImage, Snapshot
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact

@@ -18,7 +18,8 @@ from cosim.errors import InputError, OutputError
 from cosim.recording import rerun_recorder
 from cosim.recording.recorder import Recorders, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.telemetry.snapshot import FilmShapes, RunInfo, Snapshot
+from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
 pytestmark = pytest.mark.usefixtures("strict")

@@ -16,7 +16,7 @@ from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import Footing
-from cosim.telemetry.snapshot import FilmShapes
+from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.summary import SummaryBuilder, error_line, summary_markdown
 from tests.ticks import changed
 

@@ -18,9 +18,9 @@ from typing import Final, final
 
 import numpy as np
 
+from cosim.coupling.film_figures import TickPieces
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.ledger import TickPieces
 from cosim.coupling.schemes.tick import tick
 from cosim.coupling.ticks import ServoRow, TicksTaken
 from cosim.soft.body.loads import Loads

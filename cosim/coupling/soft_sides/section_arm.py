@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
-from cosim.coupling.schemes.ledger import ShapeFigures
+from cosim.coupling.film_figures import ShapeFigures
 from cosim.coupling.soft_sides import chain_equilibria, shape_reader, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried

@@ -9,7 +9,7 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.schemes.ledger import ShapeFigures
+from cosim.coupling.film_figures import ShapeFigures
 from cosim.coupling.soft_sides.shape_moments import ShapeMoments
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import center_rings, ring_figures

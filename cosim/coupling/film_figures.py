@@ -1,4 +1,4 @@
-"""The clock of the exchange, the pieces of a tick, and figures of the film's shapes."""
+"""What of the film's shape ticks leave: its figures, and where it was at the ends of the pieces of one."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -6,34 +6,6 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Shown
-from cosim.errors import InputError
-
-
-@final
-@dataclass(frozen=True)
-class Clock:
-    """An integer count of equal ticks; time never accumulates rounding.
-
-    Args:
-        tick_s: length of a tick [s].
-        tick: ticks since the start.
-    """
-
-    tick_s: float
-    tick: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.tick_s > 0.0:
-            raise InputError(f"tick_s is {self.tick_s}; it must be above 0")
-
-    @property
-    def time_s(self) -> float:
-        """Simulated time [s]."""
-        return self.tick * self.tick_s
-
-    def advanced(self, ticks: int = 1) -> "Clock":
-        """Return the clock some ticks later."""
-        return Clock(self.tick_s, self.tick + ticks)
 
 
 @final
