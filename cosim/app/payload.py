@@ -273,7 +273,7 @@ def _check_borne(by_payload: Array, torques: tuple[Array, Array], figures: Array
 
 
 def _parameters(figures: Array) -> Array:
-    from cosim.kinematics.arm import inertial_parameters
+    from cosim.kinematics.inertial_parameters import inertial_parameters
 
     mass, x, y, z, xx, yy, zz, xy, xz, yz = figures.tolist()
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

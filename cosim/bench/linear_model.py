@@ -16,7 +16,7 @@ from cosim.coupling.soft_sides import lumped_arm, section_arm
 from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.devices.flange_offset import joint_rate
 from cosim.errors import InputError
-from cosim.reduced.sections.assembly import FIGURES
+from cosim.reduced.sections.figures import FIGURES
 from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep

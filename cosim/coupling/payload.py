@@ -2,7 +2,7 @@
 
 from cosim.base.kernel_types import Matrix, Vector
 from cosim.base.kernels import kernel, small_matrix, small_vector
-from cosim.reduced.sections.assembly import CENTER, INERTIA
+from cosim.reduced.sections.figures import CENTER, INERTIA
 
 
 @kernel

@@ -16,7 +16,7 @@ from cosim.base.frames import Array, Wrench
 from cosim.base.kernel_types import Blocks, Matrix
 from cosim.coupling.film_figures import TickPieces
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
-from cosim.reduced.sections.assembly import CENTER, FIGURES, INERTIA, WRENCH
+from cosim.reduced.sections.figures import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
     from cosim.coupling.contact.contact_arrays import BodyLoads

@@ -1,93 +1,29 @@
-"""A serial arm as a Pinocchio model: poses, Jacobians and dynamics; distances of solids by coal.
-
-How far a flange is from a place and a direction of its z axis; the roll about that axis is free.
-
-Ten numbers of a rigid body in which joint torques are linear.
-
-    (m, m c, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz)    I about the frame's origin, not about the centre c.
-
-Source: Siciliano et al., Robotics: Modelling, Planning and Control, 2009, section 7.2; order as in Pinocchio.
-
-The Pinocchio model of an arm.
-"""
+"""A serial arm as a Pinocchio model: poses, Jacobians and dynamics."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final, final
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from cosim.base.arm_file import ArmFile
-from cosim.base.frames import Array, Pose, cross_matrix
-from cosim.base.solid import Solid
+from cosim.base.frames import Array, Pose
 from cosim.errors import InputError
+from cosim.kinematics.axis_error import axis_error
+from cosim.kinematics.inertial_parameters import COUNT, change_of_frame, placement
 
-_LEAST_SINE = 1e-12
-
-
-def axis_error(flange: Pose, jacobian: Array, target: Pose) -> tuple[Array, Array]:
-    """Return e (5,) and de/dq (5, joints): way to the target's origin [m], turn to its z axis [rad].
-
-    In flange axes. r = R^T (p_target - p), u = R^T z_target; the turn is about z x u / |z x u|, by the angle
-    between both, so its z component is zero and left out. dr = [r]x w - v, du = [u]x w with the flange's own
-    twist (v, w) = J dq.
-
-    Args:
-        flange: world_from_flange.
-        jacobian: J (6, joints) of the flange, linear then angular, flange axes.
-        target: world_from_flange.
-    """
-    r = flange.rotation.T @ (target.translation - flange.translation)
-    u = flange.rotation.T @ target.rotation[:, 2]
-    linear = cross_matrix(r) @ jacobian[3:] - jacobian[:3]
-    change = cross_matrix(u) @ jacobian[3:]
-    across, d_across = np.array([-u[1], u[0]]), np.stack([-change[1], change[0]])
-    sine, cosine = float(np.hypot(*across)), float(u[2])
-    if sine < _LEAST_SINE:  # along the target, or opposite to it, where any axis serves
-        turn = np.zeros(2) if cosine > 0.0 else np.array([np.pi, 0.0])
-        return np.concatenate([r, turn]), np.concatenate([linear, d_across])
-    angle, unit = float(np.arctan2(sine, cosine)), across / sine
-    d_sine = unit @ d_across
-    d_angle = cosine * d_sine - sine * change[2]
-    d_unit = (d_across - np.outer(unit, d_sine)) / sine
-    d_turn = np.outer(unit, d_angle) + angle * d_unit
-    return np.concatenate([r, angle * unit]), np.concatenate([linear, d_turn])
-
-
-COUNT: Final = 10
-
-
-def inertial_parameters(mass_kg: float, center: Array, inertia: Array) -> Array:
-    """Return the parameters (10,) of a body.
-
-    Args:
-        mass_kg: total.
-        center: (3,) [m], of mass.
-        inertia: (3, 3) [kg m^2], about the centre, axes of the frame.
-    """
-    return np.array(pin.Inertia(mass_kg, center, inertia).toDynamicParameters())
-
-
-def change_of_frame(frame_from_body: Pose) -> Array:
-    """Return T (10, 10): parameters in a frame = T parameters in the body's own axes."""
-
-    def moved(parameters: Array) -> Array:
-        body = pin.Inertia.FromDynamicParameters(parameters)
-        return np.array(_placement(frame_from_body).act(body).toDynamicParameters())
-
-    mass, *others = np.eye(COUNT)  # what has no mass is moved together with a point that has
-    point = moved(mass)
-    return np.stack([point, *(moved(mass + other) - point for other in others)], axis=1)
+_POSE_FREEDOMS: Final = 6
+_STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+_CREEP_RAD_s: Final = 1e-4  # speed below which dry friction is proportional to it (prismatic joints: m/s)
 
 
 def model_of(arm: ArmFile) -> pin.Model:
-    """Return the model of an arm's chain; joints are those of the arm, with an angle each.
+    """Return the model of an arm's chain, with one coordinate for each joint.
 
     Raises:
-        InputError: Pinocchio cannot read it, or finds other joints.
+        InputError: Pinocchio cannot read it, or reads other joints.
     """
     try:
         model = pin.buildModelFromXML(_bare_chain(arm))
@@ -102,8 +38,8 @@ def model_of(arm: ArmFile) -> pin.Model:
 def _bare_chain(arm: ArmFile) -> str:
     """Return the chain without shapes, and with continuous joints as revolute ones.
 
-    Of a continuous joint Pinocchio would have cosine and sine in place of the angle; shapes it does not need,
-    but complains about.
+    For a continuous joint Pinocchio would use cosine and sine in place of the angle. It does not need shapes,
+    but warns about them.
     """
     robot = ElementTree.fromstring(arm.urdf)
     for link in robot.findall("link"):
@@ -116,11 +52,6 @@ def _bare_chain(arm: ArmFile) -> str:
                 limit.set("lower", "-1e6")
                 limit.set("upper", "1e6")
     return ElementTree.tostring(robot, encoding="unicode")
-
-
-_POSE_FREEDOMS: Final = 6
-_STANDARD_GRAVITY = (0.0, 0.0, -9.81)
-_CREEP_RAD_s: Final = 1e-4  # below it dry friction grows with the speed (of joints that slide: m/s)
 
 
 @dataclass(frozen=True)
@@ -146,11 +77,11 @@ class Arm:
     `home` (joints,); `lower` and `upper` (joints,), the joint limits, infinite for continuous joints;
     `prismatic` (joints,), whether a joint slides; `turns_fully` (joints,), whether a joint can reach every
     direction; `joint_damping` (joints,), viscous friction from its file; `acceleration_bound` (joints,);
-    `notes`, what was found out while the arm was read.
+    `notes`, remarks from reading the arm.
 
     Args:
         arm: the arm to read.
-        world_from_base: pose of the arm's root link; that of the arm's file unless given.
+        world_from_base: pose of the arm's root link; None: that of the arm's file.
         gravity: (3,) [m/s^2], world.
 
     Raises:
@@ -165,7 +96,7 @@ class Arm:
     ) -> None:
         model = model_of(arm)
         base = world_from_base or arm.world_from_base
-        model.jointPlacements[1] = _placement(base) * model.jointPlacements[1]
+        model.jointPlacements[1] = placement(base) * model.jointPlacements[1]
         model.gravity.linear = np.array(gravity, dtype=np.float64)
         self.name, self.notes = arm.name, arm.notes
         self.joint_names = arm.joint_names
@@ -181,8 +112,8 @@ class Arm:
         self._dry: Array = _read_only(model.upperDryFrictionLimit)
         self._frame = model.getFrameId(arm.flange_frame, pin.FrameType.BODY)
         self._last_joint_from_flange = pin.SE3(model.frames[self._frame].placement)
-        placement = self._last_joint_from_flange
-        self._last_joint_by_flange = change_of_frame(Pose(placement.rotation, placement.translation))
+        last = self._last_joint_from_flange
+        self._last_joint_by_flange = change_of_frame(Pose(last.rotation, last.translation))
         self._own_parameters = np.concatenate(
             [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
         )
@@ -195,7 +126,7 @@ class Arm:
 
     @property
     def free_roll(self) -> bool:
-        """Whether it has too few joints to follow a roll about the flange's z axis."""
+        """Whether it has too few joints to follow a roll about the flange's z axis (fewer than six)."""
         return self.joint_count < _POSE_FREEDOMS
 
     @property
@@ -234,8 +165,8 @@ class Arm:
     def reach(self) -> float:
         """Length of the chain from the first joint's origin to the flange origin [m].
 
-        No configuration puts the flange farther from `shoulder` than this sum of link lengths and of the ways
-        that joints slide.
+        No configuration puts the flange farther from `shoulder` than this sum of link lengths and of the
+        ranges of prismatic joints.
         """
         links = [self._model.jointPlacements[i].translation for i in range(2, self._model.njoints)]
         ways = np.maximum(np.abs(self.lower), np.abs(self.upper))[self.prismatic]
@@ -260,7 +191,7 @@ class Arm:
         if self.free_roll:
             return self._axis_error_towards(target)
         model, data, frame = self._model, self._data, self._frame
-        world_from_target = _placement(target)
+        world_from_target = placement(target)
 
         def error(q: Array) -> tuple[Array, Array]:
             pin.computeJointJacobians(model, data, q)
@@ -285,7 +216,7 @@ class Arm:
         return error
 
     def asked_rows(self, q: Array) -> Array:
-        """Return the rows (6 or 5, 6) of a twist of the flange, world axes, that the arm follows.
+        """Return the rows (6 or 5, 6) of a flange twist, world axes, that the arm can follow.
 
         Args:
             q: (joints,) [rad].
@@ -307,7 +238,7 @@ class Arm:
         )
 
     def joint_places(self, q: Array) -> Array:
-        """Return where the joints are (joints, 3) [m], world, at joint angles q (joints,) [rad]."""
+        """Return the positions of the joints (joints, 3) [m], world, at joint angles q (joints,) [rad]."""
         pin.forwardKinematics(self._model, self._data, q)
         return np.array([place.translation for place in list(self._data.oMi)[1:]])
 
@@ -333,7 +264,7 @@ class Arm:
         return np.array(pin.computeGeneralizedGravity(model, data, q))
 
     def friction(self, velocity: Array) -> Array:
-        """Return the torque (..., joints) [N m] that moving against viscous and dry friction takes.
+        """Return the torque (..., joints) [N m] against viscous and dry friction.
 
         Args:
             velocity: (..., joints) [rad/s].
@@ -341,7 +272,7 @@ class Arm:
         return np.asarray(self.joint_damping * velocity + self.dry_friction(velocity))
 
     def dry_friction(self, velocity: Array) -> Array:
-        """Return the torque (..., joints) [N m] that moving against Coulomb friction takes; none at rest.
+        """Return the torque (..., joints) [N m] against Coulomb friction; zero at rest.
 
         Args:
             velocity: (..., joints) [rad/s].
@@ -358,7 +289,7 @@ class Arm:
     ) -> Array:
         """Return tau = (M + diag(armature)) a + c(q, v) + g(q) + d v + f (joints,) [N m], by RNEA.
 
-        d v is the viscous and f the dry friction of the joints, if the arm's file names any.
+        d v is the viscous and f the dry friction of the joints, if the arm's file gives any.
 
         Args:
             q: (joints,) [rad].
@@ -375,7 +306,7 @@ class Arm:
     def torque_rows(
         self, q: Array, velocity: Array, acceleration: Array, armature: Array
     ) -> tuple[Array, Array]:
-        """Return (tau_0, Y) of many instants: tau = tau_0 + Y p is `inverse_dynamics` with a payload p.
+        """Return (tau_0, Y) at n instants: tau = tau_0 + Y p is `inverse_dynamics` with a payload p.
 
         Args:
             q: (n, joints) [rad].
@@ -409,82 +340,3 @@ def _read_only(values: Array) -> Array:
     copied = np.array(values)
     copied.setflags(write=False)
     return copied
-
-
-def _placement(pose: Pose) -> pin.SE3:
-    return pin.SE3(np.array(pose.rotation), np.array(pose.translation))
-
-
-_TOLERANCE: Final = 1e-9
-_OVERLAP_TOLERANCE: Final = 1e-6  # coal's own: below it EPA fails on round shapes now and then
-_ROUNDS: Final = 500
-
-
-@final
-class Clearance:
-    """Measures how far apart solids are.
-
-    Args:
-        solids: on bodies; `at` is given their places.
-    """
-
-    def __init__(self, solids: Sequence[Solid]) -> None:
-        self._solids = tuple(solids)
-        self._shapes = tuple(_shape(solid) for solid in solids)
-        self._request = request = coal.DistanceRequest(True, 0.0, 0.0)
-        request.gjk_tolerance, request.gjk_max_iterations = _TOLERANCE, _ROUNDS
-        request.epa_tolerance, request.enable_signed_distance = _OVERLAP_TOLERANCE, True
-
-    def at(self, positions: Array, rotations: Array) -> Callable[[int, int], float]:
-        """Return the distance [m] of two solids by their indices; negative where they overlap.
-
-        A surface has no inside: where it meets another solid it is 0 or below, not where it is all within it.
-
-        Args:
-            positions: (bodies, 3) [m], world.
-            rotations: (bodies, 3, 3), world from body.
-        """
-        shapes, request = self._shapes, self._request
-        placed = [_placed(solid, positions, rotations) for solid in self._solids]
-
-        def between(one: int, other: int) -> float:
-            result = coal.DistanceResult()
-            found = coal.distance(shapes[one], placed[one], shapes[other], placed[other], request, result)
-            return float(found)
-
-        return between
-
-
-def _placed(solid: Solid, positions: Array, rotations: Array) -> Any:
-    turn, place = rotations[solid.body], positions[solid.body]
-    return coal.Transform3s(turn @ solid.pose.rotation, turn @ solid.pose.translation + place)
-
-
-def _shape(solid: Solid) -> Any:
-    x, y, z = solid.size.tolist()
-    match solid.shape:
-        case "box":
-            return coal.Box(2.0 * x, 2.0 * y, 2.0 * z)
-        case "sphere":
-            return coal.Sphere(x)
-        case "capsule":
-            return coal.Capsule(x, 2.0 * y)
-        case "cylinder":
-            return coal.Cylinder(x, 2.0 * y)
-        case "ellipsoid":
-            return coal.Ellipsoid(x, y, z)
-        case "plane":
-            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    points = coal.StdVec_Vec3s()
-    for vertex in solid.vertices:
-        points.append(vertex)
-    if solid.shape == "hull":
-        return coal.Convex.convexHull(points, True, "Qt")
-    triangles = coal.StdVec_Triangle()
-    for triangle in solid.triangles.tolist():
-        triangles.append(coal.Triangle(*triangle))
-    surface = coal.BVHModelOBBRSS()
-    surface.beginModel(len(triangles), len(points))
-    surface.addSubModel(points, triangles)
-    surface.endModel()
-    return surface

@@ -1,6 +1,5 @@
-"""Inverse kinematics by Levenberg-Marquardt steps with seeded restarts, and a home configuration.
-
-A configuration far from singularities and joint limits, for arms whose files name none.
+"""Inverse kinematics by Levenberg-Marquardt steps with random restarts, and a home configuration, far from
+singularities and joint limits, for arms whose files give none.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,6 +25,10 @@ RESTARTS = 200  # at most, beyond the start from the seed
 _SLOWED = 0.1  # of a joint's range: nearer to a limit than that, other joints take over
 
 PoseError = Callable[[Array], tuple[Array, Array]]
+_DRAWN = 1000
+_MIDDLE = 0.8  # of the joint ranges
+_SHORTEST_M = 1e-3  # of an arm
+_HIGH = 0.25  # of the reach: how far the flange is to be above the base
 
 
 @dataclass(frozen=True)
@@ -254,12 +257,6 @@ def _text(pose: Pose) -> str:
     position = ", ".join(f"{value:.4f}" for value in pose.translation)
     quaternion = ", ".join(f"{value:.4f}" for value in pose.quaternion)
     return f"({position}) m, quaternion ({quaternion})"
-
-
-_DRAWN = 1000
-_MIDDLE = 0.8  # of the joint ranges
-_SHORTEST_M = 1e-3  # of an arm
-_HIGH = 0.25  # of the reach: how far the flange is to be above the base
 
 
 def far_from_singularities(arm: Arm) -> Array:

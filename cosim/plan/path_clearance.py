@@ -230,7 +230,7 @@ class _PairDistances:
     """Distances of pairs of solids along a motion; `nearest` is the smallest distance so far."""
 
     def __init__(self, solids: tuple[Solid, ...], pairs: IntArray) -> None:
-        from cosim.kinematics.arm import Clearance  # imported here so that no arm means no Pinocchio
+        from cosim.kinematics.clearance import Clearance  # imported here so that no arm means no Pinocchio
 
         self._solids, self._pairs = solids, pairs
         self._clearance = Clearance(solids)

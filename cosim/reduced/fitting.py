@@ -1,6 +1,5 @@
-"""Builds the section model of a soft body: samples it, fits, and compares the two at other loads.
-
-Fits section models to samples: linear least squares, everything a spline over pressure.
+"""Builds the section model of a soft body: samples it, fits the model to the samples by linear least squares
+with all coefficients as splines over pressure, and compares both at other loads.
 """
 
 from dataclasses import dataclass, replace
@@ -10,11 +9,14 @@ import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
-from cosim.reduced.sampling import Sampler, Samples, WorkingRange
+from cosim.reduced.sampling import Sampler, Samples
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
-from cosim.reduced.sections.section_energy import COEFFICIENTS, DEGREES, POLYNOMIAL, PressureSpline, basis
+from cosim.reduced.sections.coefficients import COEFFICIENTS, DEGREES, POLYNOMIAL
+from cosim.reduced.sections.pressure_spline import PressureSpline
+from cosim.reduced.sections.section_energy import basis
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.working_range import place_in_range
+from cosim.reduced.wanted_poses import WorkingRange
 from cosim.soft.body import loads, places
 from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential
@@ -34,6 +36,16 @@ _LEAST_SCALE = 3e-2  # of a function of gaps, over its largest at any pressure
 _LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled
+LARGEST_PRESSURE_Pa: Final = 45e3
+"""Working range of pressure, unless more is asked for."""
+METHOD: Final = 8
+"""Counts changes of the method that make older models worthless."""
+_SEED = 1
+_TENSION_OF_WEIGHT = 1.5
+_LEAST_TENSION_N = 1.0
+_SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
+_LEANS_rad = (0.0, 0.4, 0.8)
+_PULL_OF_WEIGHT = 0.5
 
 
 def fit_model(
@@ -287,18 +299,6 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
         turn = np.linalg.solve(inertia, spin.T).T
         nodes[:, ring, side, 1:] = local - np.cross(turn[:, None], shape[None])
     return nodes
-
-
-LARGEST_PRESSURE_Pa: Final = 45e3
-"""Working range of pressure, unless more is asked for."""
-METHOD: Final = 8
-"""Counts changes of the method that make older models worthless."""
-_SEED = 1
-_TENSION_OF_WEIGHT = 1.5
-_LEAST_TENSION_N = 1.0
-_SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
-_LEANS_rad = (0.0, 0.4, 0.8)
-_PULL_OF_WEIGHT = 0.5
 
 
 @final

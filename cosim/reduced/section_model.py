@@ -1,9 +1,7 @@
-"""The condensed model of a stack of units over its working range, and the frames of the rings in between.
-
-Outer rings carry the cables' eyelets and stay flat while the film between them is inflated and bent. The
-frame of a ring has its origin at the mean of the nodes and the axes R that fit them best, sum_i R D_i x
-(x_i - r) = 0 with D_i the drawn offsets: the ring may breathe and warp, its frame is still that of the whole.
-A frame is four points (4, 3): origin and unit axes.
+"""The section model of a stack of units over its working range, and the frames of its rings. Outer rings have
+the cables' eyelets and stay flat while the film between them is inflated and bent. The frame of a ring has
+its origin r at the mean of the nodes and the axes R that fit them best, sum_i R D_i x (x_i - r) = 0 with the
+drawn offsets D_i: the ring may stretch and warp. A frame is four points (4, 3): origin and unit axes.
 """
 
 from __future__ import annotations
@@ -16,14 +14,19 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross_matrix
 from cosim.errors import InputError
-from cosim.reduced.sections.assembly import GasTables, chain_points, combine_points, gas_volumes
-from cosim.reduced.sections.section_energy import COEFFICIENTS, HIGH, POLYNOMIAL, PressureSpline
+from cosim.reduced.sections.chain_shape import GasTables, chain_points, combine_points, gas_volumes
+from cosim.reduced.sections.coefficients import COEFFICIENTS, HIGH, POLYNOMIAL
+from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 
 POINTS = 4
 _SAME = 1e-3  # of a radius
+STRAINS: Final = ("shear", "length", "bending", "twist")
+"""Kinds of strain in `SectionModel.held_out`."""
+_REACH_PRESSURES = 20
+_REACH_MARGIN = 1.05  # of lengths along the axes over those across: sections are sheared a little
 
 
 def points_of(pose: Pose) -> Array:
@@ -273,12 +276,6 @@ def frames_from_strains(first: Array, values: Array) -> Array:
         step = np.linalg.solve(0.5 * (np.eye(3) + turn).T, value[:3])
         frames.append(np.vstack([frames[-1][0] + axes @ step, (axes @ turn).T]))
     return np.array(frames)
-
-
-STRAINS: Final = ("shear", "length", "bending", "twist")
-"""Kinds of strain in `SectionModel.held_out`."""
-_REACH_PRESSURES = 20
-_REACH_MARGIN = 1.05  # of lengths along the axes over those across: sections are sheared a little
 
 
 @final

@@ -17,7 +17,7 @@ from cosim.coupling.ticks import Servos, TicksTaken, figures_of, sizes_of
 from cosim.errors import SolverError
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.static_plan import AnyFlangeMotion
-from cosim.reduced.sections.assembly import FIGURES
+from cosim.reduced.sections.figures import FIGURES
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Obstacles
 

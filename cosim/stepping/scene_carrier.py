@@ -21,7 +21,8 @@ from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
 from cosim.coupling.ticks import Servos, TicksTaken
 from cosim.errors import InputError, SolverError
-from cosim.kinematics.arm import Arm, Payload, inertial_parameters
+from cosim.kinematics.arm import Arm, Payload
+from cosim.kinematics.inertial_parameters import inertial_parameters
 from cosim.plan.cell_motion import CellMotion
 from cosim.plan.joint_path import JointReference
 from cosim.rigid.scene import arms, coupled_scene, host_scene

@@ -14,7 +14,7 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.state_file import STATE_SCHEMA, load, load_header, save
 from cosim.errors import InputError
-from cosim.reduced.sections.section_energy import PressureSpline
+from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.soft.elements.gas import SealedGas
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cosim.build.arms import find_arm
-from cosim.kinematics.arm import Arm, Clearance
+from cosim.kinematics.arm import Arm
+from cosim.kinematics.clearance import Clearance
 from cosim.rigid.build.compiled_scene import compile_model
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene

@@ -7,7 +7,8 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
-from cosim.kinematics.arm import Arm, Payload, change_of_frame, inertial_parameters
+from cosim.kinematics.arm import Arm, Payload
+from cosim.kinematics.inertial_parameters import change_of_frame, inertial_parameters
 
 SEEDS = range(3)
 

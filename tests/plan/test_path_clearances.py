@@ -14,7 +14,7 @@ from cosim.build.simulation import build
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.config.loading import load_scenario
 from cosim.config.schema.settings import PlanTable
-from cosim.kinematics.arm import Clearance
+from cosim.kinematics.clearance import Clearance
 from cosim.plan.path_clearance import path_clearances
 from cosim.plan.required_motion import required_motion
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, cross_matrix
-from cosim.reduced.sections.assembly import change_frames
+from cosim.reduced.sections.chain_shape import change_frames
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.clamp import node_motion
 from cosim.soft.body.loads import Loads

@@ -7,9 +7,12 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.reduced.section_model import carried
-from cosim.reduced.sections.assembly import assemble, change_frames
-from cosim.reduced.sections.section_energy import BENT, COEFFICIENTS, HIGH, LOW, PressureSpline, basis
-from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
+from cosim.reduced.sections.assembly import assemble
+from cosim.reduced.sections.chain_arrays import ChainWork, InertiaTerm, LoadedChain
+from cosim.reduced.sections.chain_shape import change_frames
+from cosim.reduced.sections.coefficients import BENT, COEFFICIENTS, HIGH, LOW
+from cosim.reduced.sections.pressure_spline import PressureSpline
+from cosim.reduced.sections.section_energy import basis
 from cosim.reduced.solve.chain_loads import nothing_touched
 
 FRAMES = 4
@@ -31,7 +34,7 @@ class Loaded:
         self.coefficients[:, [LOW, HIGH, BENT]] = (-10.0, 10.0, 10.0)
         square = random.normal(size=(FRAMES, 4, 6))
         mass, load = square @ square.transpose(0, 2, 1), random.normal(size=(FRAMES, 4, 3))
-        self.bed = Bed(3.0, random.normal(0.0, 0.1, (FRAMES, 4, 3)))
+        self.inertia_term = InertiaTerm(3.0, random.normal(0.0, 0.1, (FRAMES, 4, 3)))
         eyelets, tension = random.normal(0.0, 0.03, (FRAMES - 1, 2, 3)), random.uniform(1.0, 2.0, FRAMES - 1)
         length = np.full(FRAMES - 1, 50.0)
         cables = np.arange(1, FRAMES), eyelets, tension
@@ -43,7 +46,7 @@ class Loaded:
         """Return potential, gradient (6 f,) and Hessian (6 f, 6 f)."""
         gradient, work = np.zeros((FRAMES, 6)), ChainWork.room(FRAMES)
         x, diagonal, off = np.ascontiguousarray(frames), work.diagonal, work.off
-        energy = assemble(x, self.chain, self.bed, gradient, work, hessian)
+        energy = assemble(x, self.chain, self.inertia_term, gradient, work, hessian)
         full = np.zeros((FRAMES, 6, FRAMES, 6))
         for f in range(FRAMES):
             full[f, :, f] = diagonal[f]
@@ -60,7 +63,7 @@ class Loaded:
     def without_loads(self) -> None:
         """Leave sections and cables only."""
         self.chain.load[:] = 0.0
-        self.bed = self.bed._replace(coefficient=0.0)
+        self.inertia_term = self.inertia_term._replace(coefficient=0.0)
 
 
 def unit(k: int, size: float) -> Array:

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, frames_from_strains, strains
-from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
+from cosim.reduced.sections.coefficients import BENT, HIGH, LOW
 from cosim.reduced.solve.working_range import check_pressure, place_in_range
 from tests.small_section import section
 

@@ -35,7 +35,7 @@ from cosim.coupling.schemes.transfer import (
 from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
 from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures, scene_columns, sizes_of
 from cosim.errors import ConvergenceError, InputError
-from cosim.reduced.sections.assembly import FIGURES
+from cosim.reduced.sections.figures import FIGURES
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.flange import about_origin
 from cosim.soft.body.loads import Loads

@@ -9,7 +9,7 @@ from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.ticks import Servos
 from cosim.errors import ConvergenceError, InstabilityError
-from cosim.reduced.sections.assembly import supplied_wrench
+from cosim.reduced.sections.figures import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
 
 _ANGLE, _SPEED, _ACCELERATION, _FIGURE = 1e-6, 1e-5, 1e-3, 1e-4

@@ -8,7 +8,7 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError, OutOfRangeError
 from cosim.reduced.section_model import SectionBody, carried
-from cosim.reduced.sections.assembly import supplied_wrench
+from cosim.reduced.sections.figures import supplied_wrench
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver, ChainTask
 from cosim.reduced.solve.chain_step import ChainScheme, ChainStep

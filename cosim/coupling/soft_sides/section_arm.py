@@ -12,7 +12,7 @@ from cosim.coupling.film_figures import ShapeFigures
 from cosim.coupling.soft_sides import chain_equilibria, shape_reader, soft_side
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
-from cosim.reduced.sections.assembly import CENTER, center_and_inertia, figures_of, supplied_wrench
+from cosim.reduced.sections.figures import CENTER, center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve import tangent
 from cosim.reduced.solve.chain_film import chain_of, film_of
 from cosim.reduced.solve.chain_solver import ChainSolver

@@ -31,7 +31,7 @@ from scipy.linalg import lapack
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.soft_sides.shape_reader import ShapeReader
 from cosim.errors import ConvergenceError, TickWorkError
-from cosim.reduced.sections.assembly import CENTER, INERTIA
+from cosim.reduced.sections.figures import CENTER, INERTIA
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact import contact_points, self_contact_pairs

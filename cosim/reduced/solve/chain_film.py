@@ -1,7 +1,6 @@
-"""The film's nodes on a chain of frames, and the chain of a film.
-
-A film that was made from a chain remembers it: pressure, points and their velocities, and those one step
-before. Where nodes or velocities are no longer those of what it remembers, frames are fitted.
+"""The film's nodes on a chain of frames, and the chain of a film. A film that was computed from a chain is
+remembered with it: pressure, points and their velocities, and those one step before. If nodes or velocities
+have changed since, frames are fitted to them.
 """
 
 import numpy as np

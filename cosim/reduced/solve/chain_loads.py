@@ -1,9 +1,8 @@
-"""What acts on a chain of frames: its sections at a pressure, dead loads, cables, contacts of its film.
-
-A contact point is a combination of the nodes of one triangle, these are combinations of the points of the
-frames beside them, and no triangle reaches across an outer ring: y = sum_s (w_s0 r_s + q_s), q_s = sum_i w_si
-a_si, s the two frames. A change of the frames moves it by sum_s (w_s0 dr_s + phi_s x q_s) = J (dr, phi); its
-energy adds J^T g to the gradient, J^T K J and the second order of the rotations to the Hessian, g and K by y.
+"""Loads on a chain of frames: its sections at a pressure, dead loads, cables, contacts of its film. A contact
+point is a combination of the nodes of one triangle. These are combinations of the points of their two frames
+s, as no triangle extends across an outer ring: y = sum_s (w_s0 r_s + q_s), q_s = sum_i w_si a_si. A change of
+the frames moves it by sum_s (w_s0 dr_s + phi_s x q_s) = J (dr, phi). With the derivatives g and K of its
+energy by y, it adds J^T g to the gradient, and J^T K J and the second order of the rotations to the Hessian.
 """
 
 from itertools import pairwise
@@ -16,15 +15,8 @@ from cosim.base.kernel_types import Blocks, Indices, Matrix
 from cosim.base.kernels import kernel
 from cosim.errors import InputError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.section_strains import (
-    ANCHOR,
-    COLUMNS,
-    FRICTION,
-    NORMAL,
-    OFFSET,
-    STIFFNESS,
-    LoadedChain,
-)
+from cosim.reduced.sections.chain_arrays import LoadedChain
+from cosim.reduced.sections.contact_terms import ANCHOR, COLUMNS, FRICTION, NORMAL, OFFSET, STIFFNESS
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 

@@ -1,4 +1,6 @@
-"""Equilibria and steps of one chain of frames at given tensions; the pressure of sealed gas by secants."""
+"""Equilibria and steps of one chain of frames at given tensions; the pressure of sealed gas is found by
+secants.
+"""
 
 from typing import NamedTuple, final
 
@@ -7,8 +9,9 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.base.kernels import unchecked
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.assembly import FIGURES, assemble
-from cosim.reduced.sections.section_strains import Bed, ChainWork
+from cosim.reduced.sections.assembly import assemble
+from cosim.reduced.sections.chain_arrays import ChainWork, InertiaTerm
+from cosim.reduced.sections.figures import FIGURES
 from cosim.reduced.solve.chain_loads import ChainLoads
 from cosim.reduced.solve.chain_step import (
     GIVEN,
@@ -51,17 +54,17 @@ class ChainTask(NamedTuple):
     factor: ReusedFactor | None = None
 
     @property
-    def inertia(self) -> Bed:
+    def inertia(self) -> InertiaTerm:
         """Elastic bed that inertia is in the step, about places without velocity; none in statics."""
         if self.begin is None:
-            return Bed(0.0, np.zeros_like(self.clamp.offsets))
+            return InertiaTerm(0.0, np.zeros_like(self.clamp.offsets))
         here, (base, target) = self.begin.motion, np.empty((2, *self.clamp.offsets.shape))
         earlier = here if self.begin.earlier is None else self.begin.earlier
         x, v, x_before, v_before, to, unused = (
             part.reshape(-1, 3) for part in (*here, *earlier, base, target)
         )
         fill_bed(x, v, x_before, v_before, v, self.scheme.bed, to, unused)
-        return Bed(self.scheme.inertia, base)
+        return InertiaTerm(self.scheme.inertia, base)
 
 
 @final
@@ -165,7 +168,7 @@ class ChainSolver:
         frames: Array,
         loads: Loads,
         pressure_Pa: float,
-        inertia: Bed | None = None,
+        inertia: InertiaTerm | None = None,
         *,
         hessian: bool = False,
     ) -> Array:
@@ -179,7 +182,7 @@ class ChainSolver:
             hessian: whether to fill the blocks.
         """
         gradient, chain = np.empty((len(frames), 6)), self.loads.acting(loads, pressure_Pa, frames)
-        assemble(frames, chain, inertia or Bed(0.0, frames), gradient, self.work, hessian)
+        assemble(frames, chain, inertia or InertiaTerm(0.0, frames), gradient, self.work, hessian)
         return gradient
 
     def volume(self, frames: Array, pressure_Pa: float) -> Array:

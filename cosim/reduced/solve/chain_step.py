@@ -1,7 +1,6 @@
-"""One leaf: an implicit step of a chain of frames, or its equilibrium, by Newton's method on a small tangent.
-
-Inertia and damping of a step are the elastic bed of `cosim.soft.solve.state` on the frames' points; statics
-are without it. The factor of an earlier tangent may be reused; nothing else is kept from call to call.
+"""Kernel of an implicit step of a chain of frames, or of its equilibrium, by Newton's method on a small
+tangent. Inertia and damping of a step are the elastic bed of `cosim.soft.solve.state` on the frames' points;
+statics have none. The factor of an earlier tangent may be reused.
 """
 
 from dataclasses import dataclass
@@ -12,8 +11,8 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.base.kernel_types import Blocks, Cubes, Flags, Matrix, Vector
 from cosim.base.kernels import copy, device_function, kernel, small_matrix, small_vector
-from cosim.reduced.sections import assembly
-from cosim.reduced.sections.section_strains import Bed, ChainWork, LoadedChain
+from cosim.reduced.sections import assembly, chain_shape, figures
+from cosim.reduced.sections.chain_arrays import ChainWork, InertiaTerm, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
 from cosim.soft.solve.step_begin import BedNumbers, fill_bed
 
@@ -201,7 +200,7 @@ def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -
 
 @device_function
 def _minimise(
-    side: ChainSide, scheme: ChainScheme, bed: Bed, ends: ChainEnds, reused: bool
+    side: ChainSide, scheme: ChainScheme, bed: InertiaTerm, ends: ChainEnds, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
     """Find the minimum of the potential near the frames at the end, which are moved there.
 
@@ -225,7 +224,7 @@ def _minimise(
                 copy(frames.reshape(-1), work.trial.reshape(-1))
                 renew, judged, old = True, False, False
             elif tries < _HALVINGS_MAX:
-                assembly.change_frames(frames, work.step, factor, work.trial)
+                chain_shape.change_frames(frames, work.step, factor, work.trial)
             else:
                 outcome = NO_DESCENT
             continue
@@ -248,7 +247,7 @@ def _minimise(
         definite, uses = shift == 0.0 if renew else definite, 0 if renew else uses + 1
         shifted += shift > 0.0
         renew, judged, tries = False, True, 0
-        assembly.change_frames(frames, work.step, factor, work.trial)
+        chain_shape.change_frames(frames, work.step, factor, work.trial)
     return outcome, iterations, residual, outcome == CONVERGED and definite and uses < 2, energy, shifted
 
 
@@ -266,7 +265,7 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
                 for a in range(1, 4):
                     spin += here[0, f, a, i] * here[1, f, a, k] - here[0, f, a, k] * here[1, f, a, i]
                 twists[f, 3 + r] = 0.5 * spin
-        assembly.change_frames(frames, twists, h, out)
+        chain_shape.change_frames(frames, twists, h, out)
     elif start == STANDING:
         copy(frames.reshape(-1), out.reshape(-1))
     for f in range(out.shape[0]):
@@ -341,8 +340,8 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
                 arm_i, arm_k = frames[f, a, i], frames[f, a, k]
                 if a == 0:
                     arm_i, arm_k = arm_i - frames[0, 0, i], arm_k - frames[0, 0, k]
-                    out[assembly.WRENCH + r] += force[r]
-                out[assembly.WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
+                    out[figures.WRENCH + r] += force[r]
+                out[figures.WRENCH + 3 + r] += arm_i * force[k] - arm_k * force[i]
 
 
 @kernel
@@ -374,12 +373,12 @@ def solve_chain(
             earlier[1].reshape(points), work.along.reshape(points), bed, base.reshape(points),
             work.target.reshape(points),
         )  # fmt: skip
-    found = _minimise(side, scheme, Bed(scheme.inertia, work.target), ends, reused)
+    found = _minimise(side, scheme, InertiaTerm(scheme.inertia, work.target), ends, reused)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
                 base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / bed.span if steps else 0.0
-    assembly.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
+    figures.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
     if steps and bed.share > 0.0:
         _add_damping(side, ends, bed.share / bed.span)
     return found

@@ -1,4 +1,4 @@
-"""Which frames of a chain the flange holds, and how frames move with the film's nodes and these with them."""
+"""Frames of a chain that the flange holds, and the relation of frames and film nodes."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array, cross_matrix
-from cosim.reduced.sections.assembly import CENTER, FIGURES, change_frames, figures_of
+from cosim.reduced.sections.chain_shape import change_frames
+from cosim.reduced.sections.figures import CENTER, FIGURES, figures_of
 from cosim.reduced.solve.commanded_cables import commanded, with_tensions
 from cosim.reduced.solve.stability import PROBE_Pa, RestingChain
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody

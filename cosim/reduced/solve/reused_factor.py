@@ -1,4 +1,4 @@
-"""The factor of a step's tangent that the next step may begin with."""
+"""The factor of a step's tangent, for reuse at the start of the next step."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -6,7 +6,7 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.reduced.sections.section_strains import ChainWork
+from cosim.reduced.sections.chain_arrays import ChainWork
 from cosim.soft.solve.step_begin import BedNumbers
 
 

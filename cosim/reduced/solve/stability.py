@@ -1,4 +1,4 @@
-"""A chain of frames at rest: its small tangent, and how firmly it stands by that."""
+"""Stability of a chain of frames at an equilibrium, from its small tangent."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 from cosim.base.frames import Array, Mask
-from cosim.reduced.sections.assembly import change_frames
-from cosim.reduced.sections.section_strains import Bed
+from cosim.reduced.sections.chain_arrays import InertiaTerm
+from cosim.reduced.sections.chain_shape import change_frames
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.reduced.solve.clamp import FrameClamp, node_motion
 from cosim.reduced.solve.commanded_cables import point_of
@@ -89,7 +89,7 @@ class RestingChain:
     def mass(self) -> Array:
         """Mass matrix (6 f, 6 f)."""
         moving, still = (
-            whole_tangent(self.solver, self.point, Bed(factor, self.frames)) for factor in (1.0, 0.0)
+            whole_tangent(self.solver, self.point, InertiaTerm(factor, self.frames)) for factor in (1.0, 0.0)
         )
         return moving - still
 

@@ -1,4 +1,6 @@
-"""The tangent of a chain of frames: as a matrix, as a factor, and how the tip moves by it with the loads."""
+"""The tangent of a chain of frames, as a matrix and as a factor, and the sensitivities of the tip
+to loads.
+"""
 
 from dataclasses import dataclass, replace
 from typing import final
@@ -8,7 +10,7 @@ import numpy as np
 from cosim.base.frames import Array, Mask
 from cosim.errors import ConvergenceError
 from cosim.reduced.sections.assembly import factorise_tangent, solve_tangent
-from cosim.reduced.sections.section_strains import Bed
+from cosim.reduced.sections.chain_arrays import InertiaTerm
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
@@ -51,7 +53,7 @@ class ChainPoint:
     lengths: HeldLengths | None = None
 
 
-def whole_tangent(solver: ChainSolver, at: ChainPoint, inertia: Bed | None = None) -> Array:
+def whole_tangent(solver: ChainSolver, at: ChainPoint, inertia: InertiaTerm | None = None) -> Array:
     """Return the tangent (6 f, 6 f) of a chain; `inertia` of an implicit step, None in statics."""
     solver.evaluate(at.frames, at.loads, at.pressure_Pa, inertia, hessian=True)
     count, work = len(at.frames), solver.work
@@ -83,7 +85,9 @@ class ChainTangent:
         TangentError: it is not positive definite at given tensions.
     """
 
-    def __init__(self, solver: ChainSolver, at: ChainPoint, free: Mask, inertia: Bed | None = None) -> None:
+    def __init__(
+        self, solver: ChainSolver, at: ChainPoint, free: Mask, inertia: InertiaTerm | None = None
+    ) -> None:
         solver.evaluate(at.frames, at.loads, at.pressure_Pa, inertia, hessian=True)
         work = solver.work
         self._work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))

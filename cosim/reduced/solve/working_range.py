@@ -1,4 +1,4 @@
-"""Where a chain is in the working range of its model: the strains and pressures that it was built from."""
+"""Position of a chain in the working range of its model: the strains and pressures that were sampled."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.errors import OutOfRangeError
 from cosim.reduced.section_model import SectionBody
-from cosim.reduced.sections.section_energy import BENT, HIGH, LOW
+from cosim.reduced.sections.coefficients import BENT, HIGH, LOW
 
 _AT_ITS_END: Final = 0.95
 """Fraction of the range from which on a solution that is not found is one that the model does not have."""
