@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base.caches import SECTION_MODELS
-from cosim.base.kept_parts import code_identity, content_name
+from cosim.base.identity import code_identity, content_name
 from cosim.base.state_file import kept_or_made
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario

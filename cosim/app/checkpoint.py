@@ -19,10 +19,11 @@ import numpy as np
 from cosim.app.run_files import CHECKPOINT, SCENARIO, SUMMARY, RunFiles, scenario_digest
 from cosim.base import resources, state_file
 from cosim.base.column import check_arrays
-from cosim.base.files import changed_file, unfinished_files
+from cosim.base.files import changed_file
 from cosim.base.frames import Array
-from cosim.base.kept_parts import code_identity
+from cosim.base.identity import code_identity
 from cosim.base.state import check_indices, check_state
+from cosim.base.writing import unfinished_files
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot

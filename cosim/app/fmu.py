@@ -15,7 +15,7 @@ from typing import Any, Final
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Real
 from pythonfmu.builder import FmuBuilder
 
-from cosim.base.resources import writing
+from cosim.base.writing import writing
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.devices.controller import Command
 from cosim.errors import InputError

@@ -1,14 +1,11 @@
-"""What takes long to make is kept on disk, by one policy: kernels, plans and section models.
-
-Each kind has a folder of its name in `$COSIM_CACHE_DIR`. Without that variable, plans and section models are
-in the user's cache folder, or else in the package's `__pycache__`; kernels are in the package, or else in the
-user's folder. The first folder that can be written is used, and those of root are read as well. Kernels are
-read by pickle, so whoever writes to their folder can run code: folders that others own or may write to are
-not used.
-
-The name of a file, or of its folder, holds a hash of all that its content depends on, versions as well.
-Damaged files are deleted with a warning. Of each kind, files that were not used for longest are deleted
-beyond `MOST_BYTES`, and folders with the last of their files.
+"""The cache on disk, with one policy for kernels, plans and section models. Each kind has a folder of its
+name in `$COSIM_CACHE_DIR`. Without that variable, plans and section models are in the user's cache folder, or
+else in the package's `__pycache__`; kernels are in the package, or else in the user's folder. The first
+writable folder is used, and folders of root are read as well. Kernels are read with pickle, so whoever can
+write to their folder could run code: folders that others own or may write to are not used. The name of a
+file, or of its folder, contains a hash of everything that its content depends on, versions included. Damaged
+files are deleted with a warning. If the files of a kind exceed `MOST_BYTES`, the least recently used are
+deleted.
 """
 
 import os
@@ -21,7 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final, TypeVar
 
-from cosim.base import files
+from cosim.base import writing
 
 KERNELS, PLANS, SECTION_MODELS = KINDS = ("kernels", "plans", "section_models")
 VARIABLE: Final = "COSIM_CACHE_DIR"
@@ -100,7 +97,7 @@ def keep(kind: str, name: str, data: bytes) -> None:
         with suppress(OSError):
             for place in (folder, path.parent):
                 place.mkdir(mode=_mode(), parents=True, exist_ok=True)
-            with files.whole_file(path) as file:
+            with writing.whole_file(path) as file:
                 file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
         _trim(kind, len(data))
 

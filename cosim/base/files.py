@@ -1,25 +1,17 @@
-"""Files: read whole, noted, and written whole or not at all.
-
-The files that loading and building read: each is noted where it is read, with a digest of its contents.
-
-Files are read far below whoever asks: by rules, by loaders of engines, by kinds of tables that users
-register. A recorder passed through all of them is forgotten by the next reader, and its file is then missing
-without a word. So whoever asks opens a block (`files_read`), held in a context variable of this module alone,
-and every reader reads through `read_file`, or says `note_file` of a file that it hands to an engine. Outside
-a block nothing is noted, and nothing depends on what is noted but the names of what was read.
-
-Files that are written whole: readers see all of it, what was before, or nothing.
+"""Reads files and notes them, with a digest of their contents, for `files_read` of a run. Files are read at
+many places: by rules, by loaders of engines, by tables of users' kinds. So a block of code opens
+`files_read`, a context variable of this module, and every reader uses `read_file`, or calls `note_file` for a
+file that an engine reads. Outside of such a block nothing is noted.
 """
 
 import errno
-import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Final
 
 LARGEST_TEXT_BYTES: Final = 4_000_000
 ABSENT: Final = "absent"
@@ -134,81 +126,3 @@ def _name(path: Path) -> str:
 def _roots() -> Iterable[tuple[str, Path]]:
     """Return where files are that are installed, by the first parts of their names."""
     return (("cosim", _HERE), ("python", Path(sys.prefix).resolve()))
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that takes its place when the block ends well, and leaves nothing when it does not.
-
-    Args:
-        path: of the file; its directory exists.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with unfinished.open("wb") as file:
-            yield file
-        os.replace(unfinished, path)
-    except BaseException:
-        with suppress(OSError):
-            unfinished.unlink()
-        raise
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text in UTF-8.
-
-    Raises:
-        OSError: it cannot be written.
-    """
-    data = text.encode()
-    with whole_file(path) as file:
-        file.write(data)
-
-
-def rewrite(path: Path, data: bytes) -> None:
-    """Put other contents into a file that is there; links to it, its mode and its owner stay.
-
-    A file that took its place would cut hard links and lose the mode and owner, so the file itself is
-    overwritten. Its old contents are on the disk in `NAME.PID.before` until the new ones are: they are put
-    back where writing fails, and are what a process that is killed in between leaves.
-
-    Args:
-        path: of the file, or a symbolic link to it.
-        data: new contents.
-
-    Raises:
-        OSError: it cannot be read or written; it has its old contents, or they are in `NAME.PID.before`.
-    """
-    target = path.resolve(strict=True)
-    before = target.read_bytes()
-    spare = target.with_name(f"{target.name}.{os.getpid()}.before")
-    spare.touch(mode=0o600, exist_ok=False)  # what only its owner may read stays so
-    try:
-        _overwrite(spare, before)
-    except BaseException:
-        spare.unlink()
-        raise
-    try:
-        _overwrite(target, data)
-    except BaseException:
-        _overwrite(target, before)
-        spare.unlink()
-        raise
-    spare.unlink()
-
-
-def _overwrite(path: Path, data: bytes) -> None:
-    with path.open("r+b") as file:
-        file.write(data)
-        file.truncate()
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def unfinished_files(path: Path) -> list[Path]:
-    """Return what processes that were killed in the middle of writing a file have left."""
-    found = path.parent.glob(f"{path.name}.*.part")
-    return [entry for entry in found if entry.name[len(path.name) + 1 : -len(".part")].isdecimal()]

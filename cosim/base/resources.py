@@ -1,19 +1,14 @@
-"""What comes with cosim: robots and scenarios, and libraries of its extras; and files that cannot be written.
-
-An installed wheel carries the files inside the package (`cosim/_data`); a clone, or an editable install of
-one, has them at the top of the repository. Both are found without regard to the working directory.
-
-Videos are written by the program that comes with imageio-ffmpeg.
+"""Finds the robots and scenarios that cosim includes, and optional libraries. An installed wheel has the
+files inside the package (`cosim/_data`); a clone, or an editable install of one, at the top of the
+repository. Both are found from any working directory.
 """
 
 import importlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from cosim.errors import InputError, OutputError
+from cosim.errors import InputError
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _LONGEST_SHOWN = 200  # characters of a name that no file has
@@ -116,19 +111,6 @@ def _find(kind: str, name_or_path: str | Path, folder: str, names: tuple[str, ..
     raise InputError(f"no {kind} {asked}; there are: {', '.join(names) or 'none'}{hint}")
 
 
-@contextmanager
-def writing(path: object) -> Iterator[None]:
-    """Name the file that cannot be written within.
-
-    Raises:
-        OutputError: in place of an OSError.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
-
-
 def extra_module(name: str, extra: str) -> Any:
     """Return a module of a library that is part of an extra.
 
@@ -144,52 +126,3 @@ def extra_module(name: str, extra: str) -> Any:
     except ImportError:
         library = name.partition(".")[0]
         raise InputError(f"this needs {library}: pip install 'cosim[{extra}]'") from None
-
-
-def encoder() -> str:
-    """Return the program that writes videos.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    return str(extra_module("imageio_ffmpeg", "video").get_ffmpeg_exe())
-
-
-@contextmanager
-def encoded(
-    path: Path, source: Sequence[str], options: Sequence[str] = ("-pix_fmt", "yuv420p")
-) -> Iterator[Callable[[bytes], object]]:
-    """Give what takes a video's frames; the file is there once all of them are.
-
-    Args:
-        path: of the video.
-        source: options of ffmpeg that say what the frames are.
-        options: of the video.
-
-    Raises:
-        InputError: imageio-ffmpeg is not installed.
-        OutputError: it cannot be written.
-    """
-    import subprocess  # here: few commands write a video
-    from tempfile import TemporaryFile
-
-    part = path.with_name(f".part-{path.name}")
-    command = [encoder(), "-y", *source, "-i", "-", *options, str(part)]
-    with TemporaryFile() as said:
-        running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
-        assert running.stdin is not None, "a pipe"
-        try:
-            with suppress(BrokenPipeError):  # the encoder says why itself
-                yield running.stdin.write
-                running.stdin.close()
-            if running.wait() != 0:
-                said.seek(0)
-                lines = said.read().decode(errors="replace").split("\n")
-                raise OutputError(f"{path}: cannot be written: {' '.join(lines[-3:]).strip()}")
-            part.replace(path)
-        finally:
-            with suppress(BrokenPipeError):
-                running.stdin.close()
-            running.kill()
-            running.wait()
-            part.unlink(missing_ok=True)

@@ -22,6 +22,13 @@ from cosim.errors import MeshError
 SolidShape: TypeAlias = Literal[
     "box", "sphere", "capsule", "cylinder", "ellipsoid", "plane", "hull", "surface"
 ]
+MESH_SUFFIXES = (".stl", ".obj")
+LARGEST_FILE_BYTES = 50_000_000
+MOST_TRIANGLES = 200_000
+MOST_SHELLS = 500
+_SMALLEST, _LARGEST = 1e-6, 1e6  # of a mesh, in the unit of its file, from um in m to km in mm
+_SAME_PLACE = 1e-6  # of the mesh's size
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @final
@@ -108,15 +115,6 @@ class BodyShape(Shown):
     vertices: Array
     triangles: IntArray
     rgba: tuple[float, float, float, float]
-
-
-MESH_SUFFIXES = (".stl", ".obj")
-LARGEST_FILE_BYTES = 50_000_000
-MOST_TRIANGLES = 200_000
-MOST_SHELLS = 500
-_SMALLEST, _LARGEST = 1e-6, 1e6  # of a mesh, in the unit of its file, from um in m to km in mm
-_SAME_PLACE = 1e-6  # of the mesh's size
-_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @final

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from cosim.base import caches, files, resources
+from cosim.base import caches, writing
 from cosim.base.state import entries, field_names, is_record
 from cosim.errors import InputError
 
@@ -55,7 +55,7 @@ def save(target: Path | BinaryIO, tree: Any, header: Mapping[str, Any] | None = 
         "state": _encoded(tree, "state", arrays),
     }
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
-    with files.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
+    with writing.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **dict(arrays.values()))
 
 
@@ -100,7 +100,7 @@ class WrittenState(ABC):
         Raises:
             OutputError: it cannot be written.
         """
-        with resources.writing(path):
+        with writing.writing(path):
             save(Path(path), self, {"tick": self._ticks})
 
 

@@ -31,6 +31,14 @@ from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.stepping.parts import film_law
 
 _XYZ: Final = "xyz"
+_LINEAR: Final = "tip_position_m"
+"""A mean of positions, so that its derivative is its value at dx/dp, as of places."""
+_PLACES: Final = ("ring_position_m", "node_position_m")
+_TOLERANCE_N: Final = 1e-8
+_ROBOT: Final = "soft_robot."
+_STILL: Final[dict[str, Any]] = {
+    "robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]
+}  # fmt: skip
 
 
 class OutputShape(NamedTuple):
@@ -118,9 +126,6 @@ _READ: Final[dict[str, tuple[str, Read]]] = {
     "flange_torque_Nm": ("xyz", lambda shape: _wrench(shape)[3:]),
 }
 """By name, what the entries are of, and how they are read."""
-_LINEAR: Final = "tip_position_m"
-"""A mean of positions, so that its derivative is its value at dx/dp, as of places."""
-_PLACES: Final = ("ring_position_m", "node_position_m")
 
 
 @final
@@ -269,13 +274,6 @@ class Slopes:
             for each, slope in zip(moved, slopes.by(moved), strict=True)
         ]
         return found, np.stack(columns, axis=1) if columns else np.zeros((len(found), 0))
-
-
-_TOLERANCE_N: Final = 1e-8
-_ROBOT: Final = "soft_robot."
-_STILL: Final[dict[str, Any]] = {
-    "robot": "none", "mode": "quasistatic", "phase": [{"name": "bench", "duration_s": 1.0}]
-}  # fmt: skip
 
 
 @final

@@ -42,6 +42,10 @@ UNLOADED: Final = Loads(gravity=(0.0, 0.0, 0.0))
 
 NO_CLAMP: Final = Clamp(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), dtype=bool))
 """Nothing follows a flange: held nodes stay where they start."""
+SLIDE: Final = """<robot name="slide"><link name="rail"/><link name="carriage"><inertial>
+<mass value="{mass}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="along" type="prismatic"><parent link="rail"/><child link="carriage"/><axis xyz="0 0 1"/>
+<limit lower="-10" upper="10" effort="1000" velocity="100"/></joint></robot>"""
 
 
 @final
@@ -452,12 +456,6 @@ def sealed_piston() -> list[Figure]:
         force.append(float((specimen.gradient(moved) * up).sum()) / 2e-6)
     exact = math.sqrt(1.4 * p * section / (mass * height))
     return [*figures, Figure("frequency [rad/s]", math.sqrt((force[0] - force[1]) / mass), exact, 1e-5)]
-
-
-SLIDE: Final = """<robot name="slide"><link name="rail"/><link name="carriage"><inertial>
-<mass value="{mass}"/><inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="along" type="prismatic"><parent link="rail"/><child link="carriage"/><axis xyz="0 0 1"/>
-<limit lower="-10" upper="10" effort="1000" velocity="100"/></joint></robot>"""
 
 
 def pushed(carriage_kg: float, scheme: Callable[[Interface], Coupling], ticks: int) -> float:

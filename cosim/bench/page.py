@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import tomli_w
 
-from cosim.base import files, resources
+from cosim.base import writing
 from cosim.base.frames import Array
 from cosim.bench import design, equilibria, fitting, parameters
 from cosim.config.loading import to_table
@@ -146,11 +146,11 @@ def write_designs(results: Sequence[design.Designed], directory: Path, source: s
 
 def _written(directory: Path, robot: str, page: tuple[str, str]) -> list[Path]:
     paths = [directory / page[0], directory / "robot.toml"]
-    with resources.writing(directory):
+    with writing.writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for path, text in zip(paths, (page[1], robot), strict=True):
-        with resources.writing(path):
-            files.write_whole(path, text)
+        with writing.writing(path):
+            writing.write_whole(path, text)
     return paths
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base.kept_parts import content_name
+from cosim.base.identity import content_name
 from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario, to_table
 from cosim.config.schema.given_body import GivenBodyTable
@@ -59,6 +59,12 @@ _BACKWARD: Final = ((0.0, 1.5, 1.0), (-1.0, -2.0, -2.0), (-2.0, 0.5, 1.0))
 
 ParameterName: TypeAlias = str | Sequence[str]
 """A name, or names of values that are moved together, being the same number."""
+_OTHER: Final = {
+    "pressure_Pa": "the gas is sealed: ask for gas_mass_kg",
+    "cable_tension_N": "the cable's length is commanded: ask for cable_length_m",
+    "cable_length_m": "the cable's tension is commanded: ask for cable_tension_N",
+    "gas_mass_kg": "the pressure is given: ask for pressure_Pa",
+}
 
 
 @final
@@ -215,13 +221,6 @@ class LoadParameter:
 
 
 AnyParameter: TypeAlias = ModelParameter | LoadParameter
-
-_OTHER: Final = {
-    "pressure_Pa": "the gas is sealed: ask for gas_mass_kg",
-    "cable_tension_N": "the cable's length is commanded: ask for cable_length_m",
-    "cable_length_m": "the cable's tension is commanded: ask for cable_tension_N",
-    "gas_mass_kg": "the pressure is given: ask for pressure_Pa",
-}
 
 
 def with_load(loads: Loads, kind: str, place: int, value: float, chambers: int) -> Loads:

@@ -40,6 +40,11 @@ from cosim.soft.solve.state import (
 )
 from cosim.stepping.quasistatic import QuasistaticSimulation
 
+_TICK_N: Final = 1e-7
+"""Left in a tick at most: what ticks leave acts on the state, and has no derivative."""
+Asked: TypeAlias = tuple[Sequence[ParameterName], Sequence[str]]
+"""Names of parameters and of outputs."""
+
 
 @final
 class RunSlopes:
@@ -178,10 +183,6 @@ def _moved(state: SoftState, slopes: tuple[Array, Array, Array, Array], offset: 
     return replace(state, positions=x, velocities=v, earlier=(first, second))
 
 
-_TICK_N: Final = 1e-7
-"""Left in a tick at most: what ticks leave acts on the state, and has no derivative."""
-
-
 @final
 @dataclass(frozen=True, repr=False)
 class Jacobian:
@@ -299,10 +300,6 @@ def sensitivity(
     if isinstance(run, QuasistaticSimulation):
         return _at_rest(scenario, soft, run.equilibrium, (parameters, outputs))
     return _in_time(simulation, soft, (parameters, outputs))
-
-
-Asked: TypeAlias = tuple[Sequence[ParameterName], Sequence[str]]
-"""Names of parameters and of outputs."""
 
 
 def _at_rest(scenario: Scenario, soft: SoftArm, here: Equilibrium, asked: Asked) -> Jacobian:

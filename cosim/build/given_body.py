@@ -5,7 +5,7 @@ from typing import Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.base import kept_parts
+from cosim.base import identity
 from cosim.config.schema import given_body, soft_robot
 from cosim.config.toml import parsing
 from cosim.config.toml.rules import Faults
@@ -68,7 +68,7 @@ class NamedBody:
         body = self.body
         described = {
             "name": self.name,
-            "arrays": kept_parts.content_name(body),
+            "arrays": identity.content_name(body),
             "triangles": len(body.triangles),
             "closed": body.closed,
             "rings": list(body.rings),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from cosim.base import caches, kept_parts, state_file
+from cosim.base import caches, identity, state_file
 from cosim.build import soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.scenario import Scenario
@@ -113,4 +113,4 @@ def largest_covered(scenario: Scenario) -> float:
 
 def content_hash(body: SoftBody, largest_Pa: float, films: FilmContactLaw | None = None) -> str:
     """Return a cache name of a section model, a digest of all that it depends on."""
-    return kept_parts.content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)
+    return identity.content_name(METHOD, CLOSED_FRACTION, largest_Pa, body, films)

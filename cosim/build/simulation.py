@@ -8,7 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias, final
 
 from cosim.base import caches, kernel_cache, state_file
-from cosim.base.kept_parts import KeptParts, code_identity, content_name, is_nameless, name_of
+from cosim.base.identity import code_identity, content_name
+from cosim.base.kept_parts import KeptParts, is_nameless, name_of
 from cosim.build import options
 from cosim.build.decisions import contact_decision, decisions, finer_steps, largest_pressure
 from cosim.build.run_info import stage_of

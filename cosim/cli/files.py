@@ -12,8 +12,8 @@ from typing import Final
 
 from cosim.app.ended_run import load_run
 from cosim.app.run_files import SCENARIO, OutputDirectory
-from cosim.base import kept_parts, resources
-from cosim.base.files import write_whole
+from cosim.base import kept_parts, resources, writing
+from cosim.base.writing import write_whole
 from cosim.build.arms import find_arm
 from cosim.cli.screen import printable
 from cosim.config import arm_files, loading, menagerie, studies, upgrading
@@ -29,6 +29,8 @@ from cosim.results.result import RunResult, figure_kind
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
+CSV: Final = "arrays.csv"
+PLOT: Final = "curves.png"
 
 
 def check_command(files: Sequence[str]) -> bool:
@@ -92,7 +94,7 @@ def new_command(name: str) -> None:
     if schema.exists() and schema.read_text(encoding="utf-8") != text:
         raise InputError(f"new {name}: another {schema} is there and is not overwritten; move it away")
     scenario = f"#:schema ./{SCHEMA_FILE}\n{_STARTING_SCENARIO.read_text(encoding='utf-8')}"
-    with resources.writing(path):
+    with writing.writing(path):
         write_whole(schema, text)
         write_whole(path, scenario)
     print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
@@ -194,10 +196,6 @@ def _checked(name: str, fine: str) -> bool:
     return not faults
 
 
-CSV: Final = "arrays.csv"
-PLOT: Final = "curves.png"
-
-
 def export_command(
     directory: Path, out: Path | None, wanted: Collection[str], times_s: Sequence[float] = ()
 ) -> None:
@@ -239,7 +237,7 @@ def _export_csv(result: RunResult, target: OutputDirectory, _: Sequence[float]) 
 
 def _export_plot(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     target.claim(PLOT)
-    with resources.writing(target.path / PLOT):
+    with writing.writing(target.path / PLOT):
         result.plot().savefig(target.path / PLOT, dpi=110)
     return target.path / PLOT, ""
 

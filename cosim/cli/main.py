@@ -1,67 +1,31 @@
-"""The command line: from its words to a command and an exit code.
-
-Looks for garbage only once a run has started: until then objects are made that stay.
-
-Shows how far a sweep is, in one line.
-
-Exit codes: 0 done, 1 the physics could not be solved or verified, 2 wrong input, 3 results could not be
-written, 128 + n stopped by signal n (141: nobody read standard output any more).
+"""The command line: runs the command of its arguments and returns an exit code. Exit codes: 0 done, 1 the
+physics could not be solved or verified, 2 wrong input, 3 results could not be written, 128 + n stopped by
+signal n (141: the reader of standard output has closed it).
 """
 
 import argparse
-import gc
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO, final
+from typing import TYPE_CHECKING, Any, Final
 
 from cosim.cli.arguments import parser
-from cosim.cli.screen import draw, mute, open_missing_streams, printable, tell
+from cosim.cli.late_collection import LateCollection
+from cosim.cli.screen import mute, open_missing_streams, printable, tell
+from cosim.cli.sweep_line import SweepLine, _counts
 from cosim.errors import InputError, OutputError, SolverError
 
 if TYPE_CHECKING:
     from cosim.cli.viewing import LiveView
-    from cosim.sweeps.sweeping import SweepProgress
-
-
-@final
-class LateCollection:
-    """Puts the collection of garbage off, from where it is entered to the first ticks that it is shown.
-
-    Modules, kernels and engines are hundreds of thousands of objects, which Python would look through again
-    and again while they are being loaded: that takes a tenth of a start.
-    """
-
-    def __enter__(self) -> Self:
-        self._found = gc.isenabled()
-        gc.disable()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._begin()
-
-    def open(self, stage: Any) -> None:
-        """Wait for the first ticks."""
-
-    def observe(self, batch: Any) -> None:
-        """Collect from here on, if that was so before."""
-        self._begin()
-
-    def close(self) -> None:
-        """Do nothing: the command ends."""
-
-    def _begin(self) -> None:
-        if self._found:
-            gc.enable()
 
 
 EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_UNWRITTEN, EXIT_INTERRUPTED, EXIT_UNREAD = 0, 1, 2, 3, 130, 141
+PLOT: Final = "sweep.png"
+_REASONS: Final = 3
+"""How many faults of a sweep are printed; the table has all."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -187,16 +151,9 @@ def _live_view(options: argparse.Namespace, *, recording: bool) -> "AbstractCont
     return live_view(web=options.web, recording=recording)
 
 
-PLOT: Final = "sweep.png"
-_REASONS: Final = 3
-"""How many faults of a sweep are printed; the table has all."""
-_REDRAW_S: Final = 0.2
-_RETOLD_S: Final = 30.0
-
-
 def _sweep(options: argparse.Namespace) -> int:
     """Run a study and return the exit code: 1 if none of its designs is completed."""
-    from cosim.base.resources import writing
+    from cosim.base.writing import writing
     from cosim.sweeps.sweeping import sweep  # here, because it loads numpy
     from cosim.sweeps.table import TABLE, plot_sweep
 
@@ -220,42 +177,6 @@ def _sweep(options: argparse.Namespace) -> int:
             plot_sweep(outcome.directory, *options.columns).savefig(path, dpi=110)
         tell(f"plot:  {path}")
     return EXIT_DONE if outcome.statuses.get("completed") else EXIT_UNSOLVED
-
-
-def _counts(statuses: Mapping[str, int]) -> str:
-    return ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
-
-
-@final
-class SweepLine:
-    """Draws one line that renews itself on a terminal; elsewhere a line now and then.
-
-    Args:
-        stream: where to draw, usually stderr.
-    """
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._terminal = stream, stream.isatty()
-        self._every_s = _REDRAW_S if self._terminal else _RETOLD_S
-        self._drawn = time.perf_counter()
-
-    def __call__(self, progress: "SweepProgress") -> None:
-        """Show how far a sweep is."""
-        now, at_end = time.perf_counter(), progress.done == progress.count
-        if now - self._drawn < self._every_s and not at_end:
-            return
-        self._drawn = now
-        start, end = ("\r\x1b[K", "\n" if at_end else "") if self._terminal else ("", "\n")
-        draw(f"{start}{sweep_line(progress)}{end}", self._stream)
-
-
-def sweep_line(progress: "SweepProgress") -> str:
-    """Return how far a sweep is, in one line."""
-    from cosim.app.progress import clock  # here, because it loads numpy
-
-    left_s = progress.left_s
-    left = "" if left_s is None or progress.done == progress.count else f", {clock(left_s)} left"
-    return f"{progress.done} of {progress.count} designs: {_counts(progress.statuses)}{left}"
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -376,7 +297,7 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
 
 def _compare(options: argparse.Namespace) -> int:
     from cosim.app.motion import drawn, replay  # here, because they load numpy
-    from cosim.base.resources import writing
+    from cosim.base.writing import writing
     from cosim.results.exports import JointTable
     from cosim.results.result import figure_kind
 

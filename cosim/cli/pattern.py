@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base import files, resources
+from cosim.base import resources, writing
 from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
 from cosim.base.frames import in_mm
 from cosim.build.patterns import cut_pattern
@@ -28,6 +28,48 @@ _COLOURS: Final = {
     LineKind.SEAL: "tab:blue",
     LineKind.FOLD: "tab:cyan",
 }
+ROBOT: Final = """\
+# A soft robot cut from two sheets, see {drawing}
+schema = 2
+name = "{name}"
+source = "{drawing}"
+base = ["base"]
+
+[known]                         # what you have measured or read: move it to measured or published
+assumed = ["body", "film", "hinge"]
+
+[body]
+kind = "pattern"
+file = "{drawing}"
+{more}
+{sets}
+[film]                          # of each sheet: yours
+law = "wrinkling"
+young_modulus_Pa = 0.5e9
+poisson_ratio = 0.3
+thickness_m = 0.08e-3
+density_kg_m3 = 950.0
+
+[hinge]
+rule = "shell"
+{cables}"""
+SCENARIO: Final = """\
+# Question: what does {name} do when it is inflated?
+schema = 2
+title = "{name} is inflated"
+robot = "none"                  # or an arm: "ur5e"
+soft_robot = "{name}_robot.toml"
+mode = "quasistatic"            # or "dynamic"
+
+[start]                         # the base hangs half a metre above the floor and points down
+flange = {{ position_m = [0.0, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
+
+[[phase]]
+name = "inflate"
+duration_s = 1.0
+increments = 20
+pressure_Pa = 5e3
+"""
 
 
 def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) -> None:
@@ -60,7 +102,7 @@ def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) 
     for line in _lines(pattern, film, drawing):
         print(printable(line))
     if png is not None:
-        with resources.writing(png):
+        with writing.writing(png):
             _figure(pattern, film).savefig(png, dpi=110)
         print(printable(f"drawn: {png}"))
 
@@ -193,56 +235,12 @@ def export_pattern_command(name: str, out: Path) -> None:
     layers = {layer: list(lines) for layer, lines in drawn.items()}
     for entry, choice in zip(table.sets, pattern.sets, strict=True):
         layers.setdefault((entry.layer or entry.name).upper(), []).extend(choice.lines)
-    with resources.writing(out):
+    with writing.writing(out):
         write_dxf(out, layers)
     length = sum(
         np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() for line in (*pattern.cut, *pattern.holes)
     )
     print(printable(f"{out}: {1e3 * length:.2f} mm to cut, in mm"))
-
-
-ROBOT: Final = """\
-# A soft robot cut from two sheets, see {drawing}
-schema = 2
-name = "{name}"
-source = "{drawing}"
-base = ["base"]
-
-[known]                         # what you have measured or read: move it to measured or published
-assumed = ["body", "film", "hinge"]
-
-[body]
-kind = "pattern"
-file = "{drawing}"
-{more}
-{sets}
-[film]                          # of each sheet: yours
-law = "wrinkling"
-young_modulus_Pa = 0.5e9
-poisson_ratio = 0.3
-thickness_m = 0.08e-3
-density_kg_m3 = 950.0
-
-[hinge]
-rule = "shell"
-{cables}"""
-SCENARIO: Final = """\
-# Question: what does {name} do when it is inflated?
-schema = 2
-title = "{name} is inflated"
-robot = "none"                  # or an arm: "ur5e"
-soft_robot = "{name}_robot.toml"
-mode = "quasistatic"            # or "dynamic"
-
-[start]                         # the base hangs half a metre above the floor and points down
-flange = {{ position_m = [0.0, 0.0, 0.5], direction = [0.0, 0.0, -1.0] }}
-
-[[phase]]
-name = "inflate"
-duration_s = 1.0
-increments = 20
-pressure_Pa = 5e3
-"""
 
 
 def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool) -> None:
@@ -287,9 +285,9 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
     for path in (robot, scenario):
         if path.exists():
             raise InputError(f"new {name}: {path} is there and is not overwritten")
-    with resources.writing(robot):
-        files.write_whole(robot, text)
-        files.write_whole(scenario, SCENARIO.format(name=name))
+    with writing.writing(robot):
+        writing.write_whole(robot, text)
+        writing.write_whole(scenario, SCENARIO.format(name=name))
     print(f"{robot} and {scenario} written; set the film in {robot}, then: cosim run {scenario}")
 
 

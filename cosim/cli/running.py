@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from cosim.app.twin import Followed, Prediction
     from cosim.cli.viewing import LiveView
 
+_REDRAW_S: Final = 0.2
+_RETOLD_S: Final = 1.0
+
 
 @final
 class TerminalLine(progress.ProgressLine):
@@ -267,10 +270,6 @@ def _report(outcome: driver.RunOutcome, directory: Path, interruption: Interrupt
     if quiet:
         tell(quiet_line(summary, directory))
     return 0
-
-
-_REDRAW_S: Final = 0.2
-_RETOLD_S: Final = 1.0
 
 
 def twin_command(

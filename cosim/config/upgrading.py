@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.base import files, resources
+from cosim.base import writing
 from cosim.config.loading import is_scenario
 from cosim.config.toml import old_keys, reading
 from cosim.errors import ScenarioError
@@ -44,8 +44,8 @@ def upgrade_file(path: Path) -> int:
             raise ScenarioError(
                 str(path), f"is read-only and not upgraded; allow it first: chmod u+w {path.resolve()}"
             )
-        with resources.writing(path):
-            files.rewrite(path, new.encode("utf-8"))
+        with writing.writing(path):
+            writing.rewrite(path, new.encode("utf-8"))
     return count
 
 

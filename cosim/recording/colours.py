@@ -35,6 +35,11 @@ FLOOR_SHADE: Final = (0.18, 0.20, 0.24)
 # Ends of the stress scale in OkLCh: lightness, chroma, hue [degree]; indigo over teal to yellow.
 _SCALE_FROM: Final = (0.36, 0.13, 285.0)
 _SCALE_TO: Final = (0.94, 0.17, 103.0)
+STRESS_RANGE_PA: Final = (0.0, 25e6)
+"""Stress of the first and last colour of the film; fixed, so that colours can be compared over whole runs."""
+_LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
+_AMBIENT: Final = 0.62
+"""Light that reaches every face: high, so that shading does not hide the scale."""
 
 
 def series_colours(count: int) -> list[Colour]:
@@ -84,14 +89,6 @@ def _linear_srgb(lightness: Array, chroma: Array, hue: Array) -> Array:
         ]
     )
     return np.asarray(cone_roots**3 @ to_srgb.T)
-
-
-STRESS_RANGE_PA: Final = (0.0, 25e6)
-"""Stress of the first and last colour of the film; fixed, so that colours can be compared over whole runs."""
-
-_LIGHT: Final = np.array([0.35, -0.62, 0.70]) / np.linalg.norm([0.35, -0.62, 0.70])
-_AMBIENT: Final = 0.62
-"""Light that reaches every face: high, so that shading does not hide the scale."""
 
 
 @kernel(allocates=True)

@@ -17,6 +17,23 @@ from cosim.recording import colours
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, Colour, series_colours
 from cosim.telemetry import snapshot, tick_batch
 
+_SHOWN: Final[dict[str, tuple[str, float]]] = {
+    "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
+    "tip_height_m": ("Tip height [mm]", 1e3),
+}
+"""What controllers measure: title and scale."""
+_PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (math.degrees(1.0), "deg")}
+ERROR_BARS: Final = {
+    "tip_m": ("tip_position", 1e3),
+    "sag_m": ("sag", 1e3),
+    "volume_m3": ("volume", 1e6),
+    "cable_tension_N": ("tension", 1.0),
+}
+"""Plots that show how far their figure may be off, by its key in a summary, and their unit."""
+SMALLEST_LOGARITHM: Final = 1e-16
+"""Its logarithm is shown for an exact zero, which has none."""
+_OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
+
 
 @dataclass(frozen=True)
 class Plot:
@@ -44,22 +61,12 @@ class Plot:
     tab: str = ""
 
 
-_SHOWN: Final[dict[str, tuple[str, float]]] = {
-    "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
-    "tip_height_m": ("Tip height [mm]", 1e3),
-}
-"""What controllers measure: title and scale."""
-
-
 def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
     """Return the plots of a scenario's devices; none where it has none."""
     names = stage.devices
     if names is None:
         return []
     return [*_control_plots(names), *_cable_plots(stage, names), *_pump_plots(names)]
-
-
-_PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (math.degrees(1.0), "deg")}
 
 
 def sensor_plots(stage: snapshot.RunInfo) -> list[Plot]:
@@ -164,19 +171,6 @@ def _pump_plots(names: DeviceNames) -> list[Plot]:
         _plot("pump", "Pump on [1]", on, running, two),
         _plot("gas_delivered", "Gas delivered [mg]", names.pumps, delivered),
     ]
-
-
-ERROR_BARS: Final = {
-    "tip_m": ("tip_position", 1e3),
-    "sag_m": ("sag", 1e3),
-    "volume_m3": ("volume", 1e6),
-    "cable_tension_N": ("tension", 1.0),
-}
-"""Plots that show how far their figure may be off, by its key in a summary, and their unit."""
-SMALLEST_LOGARITHM: Final = 1e-16
-"""Its logarithm is shown for an exact zero, which has none."""
-
-_OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
 
 
 def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:

@@ -18,26 +18,41 @@ import rerun as rr
 
 from cosim.base.frames import IntArray
 from cosim.errors import InputError, OutputError
-from cosim.recording.blueprint import (
-    TICKS,
-    TIMELINE,
-    RunViews,
-    blueprint,
-    close_eye,
-    log_stress_legend,
-    path_of_arm,
-    scene_eye,
-)
+from cosim.recording.blueprint import TICKS, TIMELINE, RunViews, blueprint, path_of_arm
 from cosim.recording.colours import series_colours
+from cosim.recording.columns import time_columns
+from cosim.recording.eyes import close_eye, scene_eye
+from cosim.recording.plot_buffer import PlotBuffer
 from cosim.recording.plots import ERROR_BARS, plots_of
 from cosim.recording.recorder import Recorder, RecordingPart
-from cosim.recording.scene import PlotBuffer, Scene, log_rigid_meshes, time_columns
+from cosim.recording.rigid_meshes import log_rigid_meshes
+from cosim.recording.scene import Scene
+from cosim.recording.stress_legend import log_stress_legend
 from cosim.telemetry import cameras, tick_batch
 from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
 
 _JPEG: Final = 90
 _DRAWN_AT_M: Final = 0.15
 """Distance from a camera at which its picture is drawn: there ends what is drawn of its field of view."""
+_RIGID = "/world/rigid/"
+APPLICATION_ID: Final = "cosim"
+FRAMES_PER_S: Final = 60.0
+_SECOND_NS: Final = 1_000_000_000
+_GATHERED_S: Final = 1.0
+"""Wall time after which what was gathered is written: each time takes some ms, and 50 kB of the file."""
+_SHOWN_S: Final = 0.25
+"""The same with a viewer that follows the run."""
+_GATHERED_SHARE: Final = 0.01
+"""Share of the wall time so far, before which nothing is written: long runs must not end in splinters."""
+_NODES_GATHERED: Final = 500_000
+"""Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
+_TICKS_GATHERED: Final = 50_000
+"""The same of ticks, some 15 MB of curves."""
+_ENDED_S: Final = 20.0
+"""Wall time that ending a file may take, far more than it does."""
+_END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
+_PHASE: Final = "/phase"
+_SUMMARY: Final = "/summary"
 
 
 def camera_paths(name: str) -> tuple[str, str, str]:
@@ -80,9 +95,6 @@ class CameraViews:
         stream.log(depth, rr.DepthImage(np.where(np.isfinite(image.depth_m), image.depth_m, 0.0), meter=1.0))
         stream.log(segments, rr.SegmentationImage(image.segments.astype(np.uint16)))
         stream.reset_time()
-
-
-_RIGID = "/world/rigid/"
 
 
 @final
@@ -165,26 +177,6 @@ class ArmStream:
     def disconnect(self) -> None:
         """End the file."""
         self._group.stream.disconnect()
-
-
-APPLICATION_ID: Final = "cosim"
-FRAMES_PER_S: Final = 60.0
-_SECOND_NS: Final = 1_000_000_000
-_GATHERED_S: Final = 1.0
-"""Wall time after which what was gathered is written: each time takes some ms, and 50 kB of the file."""
-_SHOWN_S: Final = 0.25
-"""The same with a viewer that follows the run."""
-_GATHERED_SHARE: Final = 0.01
-"""Share of the wall time so far, before which nothing is written: long runs must not end in splinters."""
-_NODES_GATHERED: Final = 500_000
-"""Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
-_TICKS_GATHERED: Final = 50_000
-"""The same of ticks, some 15 MB of curves."""
-_ENDED_S: Final = 20.0
-"""Wall time that ending a file may take, far more than it does."""
-_END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
-_PHASE: Final = "/phase"
-_SUMMARY: Final = "/summary"
 
 
 @final

@@ -21,7 +21,7 @@ import rerun
 import rerun_cli
 from rerun.experimental import ViewerClient
 
-from cosim.base.resources import encoded, encoder
+from cosim.base.video import encoded, encoder
 from cosim.errors import InputError, OutputError
 
 LOOPBACK: Final = "127.0.0.1"
@@ -37,6 +37,10 @@ _OPTIONS: Final[dict[Shown, tuple[str, ...]]] = {
     "page": ("--serve-web",),
     "nowhere": ("--headless", "--hide-welcome-screen"),
 }
+SIZE: Final = (1600, 900)
+_TIMELINE: Final = "sim_time"
+_WAIT_S: Final = 120.0
+_PAUSE_S: Final = 0.1
 
 
 @final
@@ -185,12 +189,6 @@ def _free_port(wanted: int) -> int:
                 continue
             return int(tried.getsockname()[1])
     raise OutputError(f"no port of {LOOPBACK} is free")
-
-
-SIZE: Final = (1600, 900)
-_TIMELINE: Final = "sim_time"
-_WAIT_S: Final = 120.0
-_PAUSE_S: Final = 0.1
 
 
 @final

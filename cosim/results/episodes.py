@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.files import whole_file, write_whole
 from cosim.base.frames import Array
-from cosim.base.resources import encoded, encoder, writing
+from cosim.base.video import encoded, encoder
+from cosim.base.writing import whole_file, write_whole, writing
 from cosim.errors import InputError
 from cosim.results.result import COLUMNS, RunResult, frame_rows
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cosim.base import files, resources
+from cosim.base import resources, writing
 from cosim.base.frames import Array, IntArray
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
@@ -52,7 +52,7 @@ def write_csv(result: RunResult, path: Path) -> None:
             heads = [f"{name}{unit}"]
         values = np.ascontiguousarray(array.reshape(len(array), len(heads)).T)
         columns.update(zip(heads, map(pa.array, values), strict=True))
-    with resources.writing(path), files.whole_file(path) as file:
+    with writing.writing(path), writing.whole_file(path) as file:
         csv.write_csv(pa.table(columns), file, csv.WriteOptions(quoting_style="none"))
 
 
@@ -90,8 +90,8 @@ def write_film(
     listed = f"{head}  <Collection>\n{''.join(rows)}  </Collection>\n</VTKFile>\n"
     for name, text in zip((*names, COLLECTION), (*texts, listed), strict=True):
         claim(name)
-        with resources.writing(folder / name):
-            files.write_whole(folder / name, text)
+        with writing.writing(folder / name):
+            writing.write_whole(folder / name, text)
     return [folder / COLLECTION, *(folder / name for name in names)]
 
 
@@ -204,7 +204,7 @@ def write_usd(result: RunResult, shapes: Sequence[BodyShape], path: Path) -> int
         cable.CreateWidthsAttr([_CABLE_M])
         cable.SetWidthsInterpolation(UsdGeom.Tokens.constant)
         _set_points(cable, result.node_position[:, nodes], codes)
-    with resources.writing(path):
+    with writing.writing(path):
         path.touch()  # the library's own error names no reason
         stage.GetRootLayer().Export(str(path))
     return len(codes)
@@ -449,8 +449,8 @@ class JointTable:
         check_name(path)
         made = {CSV: self.csv_text, URSCRIPT: self.urscript_text, TRAJECTORY: self.trajectory_text}
         text = made[path.suffix]()
-        with resources.writing(path):
-            files.write_whole(path, text)
+        with writing.writing(path):
+            writing.write_whole(path, text)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, quaternion_from_rotation, rotations_from_quaternions
-from cosim.base.resources import extra_module, writing
+from cosim.base.resources import extra_module
+from cosim.base.writing import writing
 from cosim.errors import InputError
 from cosim.results.episodes import png
 from cosim.results.result import COLUMNS, RunResult, frame_rows

@@ -27,9 +27,10 @@ from pathlib import Path
 from typing import Any, Final, TextIO, final
 
 from cosim.app import driver, run_files
-from cosim.base import resources
+from cosim.base import resources, writing
 from cosim.base.files import changed_file, files_read
-from cosim.base.kept_parts import KeptParts, code_identity, content_name
+from cosim.base.identity import code_identity, content_name
+from cosim.base.kept_parts import KeptParts
 from cosim.base.state import check_state
 from cosim.config import loading, plugins, studies
 from cosim.config.schema.scenario import Scenario
@@ -151,7 +152,7 @@ class Journal:
         """
         assert self._file is not None, "a journal is opened first"
         self.rows[name] = row
-        with resources.writing(self._path):
+        with writing.writing(self._path):
             table = {"design": name, **asdict(row)}
             self._file.write(json.dumps({**table, "digest": _digest(table)}) + "\n")
             self._file.flush()

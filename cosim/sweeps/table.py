@@ -22,8 +22,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, final
 
-from cosim.base.files import whole_file
-from cosim.base.resources import is_file, writing
+from cosim.base.resources import is_file
+from cosim.base.writing import whole_file, writing
 from cosim.config.plugins import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text

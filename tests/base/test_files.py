@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.files import files_read, read_file, rewrite
+from cosim.base.files import files_read, read_file
+from cosim.base.writing import rewrite
 
 
 def test_blocks_around_one_that_reads_get_its_files_as_well(tmp_path: Path) -> None:

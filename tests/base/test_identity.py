@@ -7,7 +7,7 @@ from dataclasses import dataclass, make_dataclass
 import numpy as np
 import pytest
 
-from cosim.base.kept_parts import content_name
+from cosim.base.identity import content_name
 
 
 @dataclass(frozen=True)

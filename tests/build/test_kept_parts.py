@@ -12,7 +12,8 @@ import pytest
 
 import cosim
 from cosim import KeptParts, Simulation
-from cosim.base.kept_parts import content_name, name_of
+from cosim.base.identity import content_name
+from cosim.base.kept_parts import name_of
 from cosim.build import simulation as building
 from cosim.errors import ScenarioError
 from tests.small_section import ROBOT

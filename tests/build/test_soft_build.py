@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.base.kept_parts import content_name
+from cosim.base.identity import content_name
 from cosim.base.resources import scenario_path
 from cosim.build.paper_model import published_robot
 from cosim.build.soft_body import build_soft_body

@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from cosim.cli.main import LateCollection
+from cosim.cli.late_collection import LateCollection
 from cosim.errors import InputError
 
 

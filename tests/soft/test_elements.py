@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.kept_parts import content_name
+from cosim.base.identity import content_name
 from cosim.errors import InputError, MeshError
 from cosim.reduced.section_model import RingFrames
 from cosim.soft.body.body import SoftBody

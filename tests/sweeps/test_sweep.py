@@ -14,7 +14,8 @@ import pytest
 from pyarrow import parquet
 
 import cosim
-from cosim.cli.main import main, sweep_line
+from cosim.cli.main import main
+from cosim.cli.sweep_line import sweep_line
 from cosim.config import studies
 from cosim.sweeps import sweeping as worker
 from cosim.sweeps.figure_names import check_figures
