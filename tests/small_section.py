@@ -10,7 +10,7 @@ import pytest
 
 from cosim.base.caches import SECTION_MODELS
 from cosim.base.identity import code_identity, content_name
-from cosim.base.state_file import kept_or_made
+from cosim.base.state_file import load_or_make
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
@@ -54,7 +54,7 @@ def kept_model(
     built = partial(build_model, of, largest_Pa, films, effort=effort, folds=folds)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(FOLDER))
-        return kept_or_made(SECTION_MODELS, name, SectionModel, built)
+        return load_or_make(SECTION_MODELS, name, SectionModel, built)
 
 
 @cache

@@ -16,7 +16,8 @@ from cosim.app.driver import log, named_body, prepared
 from cosim.base import kept_parts, state_file
 from cosim.base.columns import TickRow, TickTable
 from cosim.base.frames import Array, IntArray, Wrench
-from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
+from cosim.base.state import restore_states, states_of
+from cosim.base.state_checks import KnownStates, check_state, check_states
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.plugins import note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable

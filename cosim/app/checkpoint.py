@@ -22,7 +22,7 @@ from cosim.base.column import check_arrays
 from cosim.base.files import changed_file
 from cosim.base.frames import Array
 from cosim.base.identity import code_identity
-from cosim.base.state import check_indices, check_state
+from cosim.base.state_checks import check_indices, check_state
 from cosim.base.writing import unfinished_files
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final, overload
 from cosim.app import checkpoint, driver
 from cosim.app.workers import Workers
 from cosim.base import kept_parts, state_file
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_checks import checked_step, shown, whole

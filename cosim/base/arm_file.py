@@ -1,4 +1,4 @@
-"""An arm as both engines are given it: the chain from its base to its flange, and what a file says of it."""
+"""Describes an arm for both engines: the URDF chain from its base to its flange, its home, and its servos."""
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
@@ -50,28 +50,28 @@ class LinkShape:
 @final
 @dataclass(frozen=True)
 class ArmFile:
-    """An arm, ready to be given to both engines.
+    """An arm, as both engines read it.
 
     Quantities of joints are [rad], [N m], [kg m^2], of prismatic ones [m], [N], [kg].
 
     Args:
-        name: as asked for.
+        name: as the user has asked for it.
         path: file that it was read from.
         urdf: URDF text of the chain from the root to the flange, mesh files as absolute paths.
         flange_frame: link whose frame is the flange: origin in the mounting face, z out of it.
         joint_names: the moving joints, base to flange.
         home: (joints,), a configuration far from singularities.
-        acceleration_bound: (joints,) [rad/s^2], not negative, beyond which a motion is reported; joints left
-            out have none.
+        acceleration_bound: (joints,) [rad/s^2], positive; a motion beyond it is reported. Missing joints have
+            no bound.
         armature: (joints,) inertia of the rotors, seen at the joints; `ARMATURE` unless given.
         servo_stiffness: (joints,) [N m/rad]; None, or nan of a joint: from the torque limits.
         servo_damping: (joints,) [N m s/rad]; the same.
         world_from_base: pose of the root link.
-        home_known: whether anybody has given the home.
+        home_known: whether the user or the file has given the home.
         shapes: of links, besides those in the URDF.
         files: all files that it was read from.
-        notes: what was found out or replaced while reading, as parts of a sentence.
-        drawn_as: model of the Menagerie whose meshes are drawn where it is on this machine.
+        notes: assumptions and replacements of the reader, as parts of a sentence.
+        drawn_as: model of the MuJoCo Menagerie whose meshes are drawn, if it is on this machine.
     """
 
     name: str

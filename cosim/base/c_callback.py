@@ -1,6 +1,6 @@
-"""A function that C calls, for a callback of a library: it takes no lock, and nothing can be raised in it.
-
-Arrays of Python are in it as addresses, which `numbers_at` and `reals_at` read; who fills them keeps them.
+"""Compiles a function for C, for callbacks of a library such as MuJoCo. It runs without Python's lock and
+cannot raise. It gets arrays as addresses, which `numbers_at` and `reals_at` read; the caller keeps a
+reference to each array as long as C may call the function.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,15 @@ _intrinsic: Callable[..., Any] = intrinsic  # typed for mypy
 
 
 def _pointer(kind: Any) -> Any:
-    def take(_typing: Any, _address: Any) -> Any:
+    """Return an intrinsic that converts an address to a pointer to numbers of a kind."""
+
+    def define(_typing: Any, _address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             return builder.inttoptr(values[0], context.get_value_type(signature.return_type))
 
         return types.CPointer(kind)(types.int64), generate
 
-    return _intrinsic(take)
+    return _intrinsic(define)
 
 
 numbers_at = _pointer(types.int64)
@@ -43,5 +45,5 @@ def call_c(_typing: Any, _code: Any, _first: Any, _second: Any) -> Any:
 
 
 def c_function(function: Callable[[int, int], None]) -> Any:
-    """Return a function of two pointers, compiled for C; its `address` is where C calls it."""
+    """Compile a function of two pointers for C; the result has its `address`."""
     return numba.cfunc(types.void(types.int64, types.int64))(function)

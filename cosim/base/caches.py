@@ -30,40 +30,42 @@ _OTHERS_WRITE: Final = 0o022  # group and others, in a folder's mode
 _DAY_S: Final = 24 * 3600.0
 _MARK: Final = b"kept by cosim, sha256 "
 _BYTES: Final[dict[Path | None, int]] = {}
-"""In each folder of a kind, as this process knows it."""
+"""Bytes in each folder, as this process last counted them."""
 
 Kind = TypeVar("Kind")
 
 
 def folders(kind: str) -> tuple[Path | None, tuple[Path, ...]]:
-    """Return the folder to which a kind is written, and those of root from which it is read as well.
+    """Return the folder that files of a kind are written to, and folders of root that are also read.
 
-    The first is made if need be, readable for everybody if root makes it; None where nothing can be written.
+    The first folder is made if it is missing. If root makes it, everybody can read it. It is None if no
+    folder is writable.
 
     Args:
         kind: of `KINDS`.
     """
-    chosen, places = os.environ.get(VARIABLE), [_PACKAGE / "__pycache__"]
+    chosen, parents = os.environ.get(VARIABLE), [_PACKAGE / "__pycache__"]
     with suppress(RuntimeError):  # a user without a home
         base = os.environ.get("XDG_CACHE_HOME")
         user = (Path(base) if base else Path.home() / ".cache") / "cosim"
-        places = [user, *places] if kind != KERNELS else [*places, user]
+        parents = [user, *parents] if kind != KERNELS else [*parents, user]
     if chosen:
-        places = [Path(chosen), *(place for place in places if place.parent != _PACKAGE)]
-    return _usable(tuple(place / kind for place in places))
+        parents = [Path(chosen), *(folder for folder in parents if folder.parent != _PACKAGE)]
+    return _usable(tuple(folder / kind for folder in parents))
 
 
 @cache
-def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
-    user, own, of_root = os.getuid(), None, list[Path]()
-    for folder in places:
+def _usable(candidates: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
+    """Return the first writable folder of the user, and the readable folders of root."""
+    user, writable, of_root = os.getuid(), None, list[Path]()
+    for folder in candidates:
         try:
-            if own is None:
+            if writable is None:
                 folder.mkdir(mode=_mode(), parents=True, exist_ok=True)
             status = folder.stat()
         except OSError:
             continue
-        if own is not None and status.st_uid != 0:
+        if writable is not None and status.st_uid != 0:
             continue
         if status.st_uid not in (user, 0) or status.st_mode & _OTHERS_WRITE:
             what = "it is not used, as whoever writes to it could run code"
@@ -72,19 +74,21 @@ def _usable(places: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
                 f"{folder}: others own it or may write to it; {what}; {remedy}", RuntimeWarning, stacklevel=3
             )
         elif status.st_uid == user and os.access(folder, os.W_OK | os.X_OK):
-            own = own or folder
+            writable = writable or folder
         elif os.access(folder, os.X_OK):
             of_root.append(folder)
-    return own, tuple(of_root)
+    return writable, tuple(of_root)
 
 
 def _mode() -> int:
-    """Return the mode of a new folder: what root makes everybody may read."""
+    """Return the mode of a new folder; everybody may read a folder that root makes."""
     return 0o700 if os.getuid() else 0o755
 
 
-def keep(kind: str, name: str, data: bytes) -> None:
-    """Keep data under a name, no more than `MOST_BYTES` of a kind; what cannot be written is made again.
+def store(kind: str, name: str, data: bytes) -> None:
+    """Write data to a file of the cache, and delete old files beyond `MOST_BYTES` of its kind.
+
+    Does nothing if the file cannot be written; its content is then computed again in each process.
 
     Args:
         kind: of `KINDS`.
@@ -95,27 +99,27 @@ def keep(kind: str, name: str, data: bytes) -> None:
     if folder is not None:
         path = folder / name
         with suppress(OSError):
-            for place in (folder, path.parent):
-                place.mkdir(mode=_mode(), parents=True, exist_ok=True)
+            for parent in (folder, path.parent):
+                parent.mkdir(mode=_mode(), parents=True, exist_ok=True)
             with writing.whole_file(path) as file:
                 file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
         _trim(kind, len(data))
 
 
-def kept(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
-    """Return what was kept under a name; None where there is nothing sound.
+def load(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
+    """Return the content of a file of the cache; None if there is no undamaged file of that name.
 
     Args:
         kind: of `KINDS`.
         name: of the file, or "folder/name".
-        read: makes it of the data.
+        read: converts the bytes of the file to its content.
     """
-    own, of_root = folders(kind)
-    found = (_sound(folder / name, read) for folder in (own, *of_root) if folder is not None)
-    return next((one for one in found if one is not None), None)
+    writable, of_root = folders(kind)
+    contents = (_undamaged(folder / name, read) for folder in (writable, *of_root) if folder is not None)
+    return next((content for content in contents if content is not None), None)
 
 
-def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
+def _undamaged(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
     """Return the content of a file; None if there is no such file, or, with a warning, if it is damaged."""
     try:
         mark, _, data = path.read_bytes().partition(b"\n")
@@ -130,7 +134,7 @@ def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
         if mark == _MARK + sha256(data).hexdigest().encode():
             try:
                 return read(data)
-            except Exception as error:  # another version of cosim may have kept other things
+            except Exception as error:  # another version of cosim may have written other classes
                 reason = f"is of another version ({type(error).__name__})"
         else:
             reason = "is damaged"
@@ -141,11 +145,12 @@ def _sound(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
 
 
 def _trim(kind: str, added: int) -> None:
-    """Delete the files of a kind that were not used for longest, as far as they are too many bytes.
+    """Delete the least recently used files of a kind, until `MOST_BYTES` are left.
 
     Args:
         kind: of `KINDS`.
-        added: [bytes], since the last call; files are counted at the first one, and where too many may be.
+        added: [bytes], since the last call; files are counted at the first call, and again once the limit
+            may be exceeded.
     """
     folder = folders(kind)[0]
     if folder is None or (folder in _BYTES and _BYTES[folder] + added <= MOST_BYTES):
@@ -162,16 +167,16 @@ def _trim(kind: str, added: int) -> None:
 
 
 def clear() -> None:
-    """Delete all that is kept in folders to which this user writes."""
+    """Delete all files of the cache in folders that this user can write to."""
     for kind in KINDS:
         for path, _ in _files(kind):
             _delete(path)
 
 
 def _delete(path: Path) -> None:
-    """Delete a file, and its folder with the last one."""
+    """Delete a file, and its folder once that is empty."""
     path.unlink(missing_ok=True)
-    with suppress(OSError):  # others are in it
+    with suppress(OSError):  # other files are in it
         path.parent.rmdir()
 
 
@@ -186,5 +191,5 @@ def lines() -> list[str]:
 
 def _files(kind: str) -> list[tuple[Path, os.stat_result]]:
     folder = folders(kind)[0]
-    found = [] if folder is None else folder.rglob("*")
-    return [(path, path.stat()) for path in found if path.is_file()]
+    paths = [] if folder is None else folder.rglob("*")
+    return [(path, path.stat()) for path in paths if path.is_file()]

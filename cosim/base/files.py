@@ -1,7 +1,7 @@
-"""Reads files and notes them, with a digest of their contents, for `files_read` of a run. Files are read at
-many places: by rules, by loaders of engines, by tables of users' kinds. So a block of code opens
-`files_read`, a context variable of this module, and every reader uses `read_file`, or calls `note_file` for a
-file that an engine reads. Outside of such a block nothing is noted.
+"""Reads files, and records which files a run has read, with a SHA-256 digest of each. Many modules read
+files: rules of tables, loaders of engines, tables of users' kinds. A run opens the context manager
+`files_read`; within it every call of `read_file` is recorded, and `note_file` records a file that an engine
+reads. Outside of it nothing is recorded.
 """
 
 import errno
@@ -15,7 +15,7 @@ from typing import Final
 
 LARGEST_TEXT_BYTES: Final = 4_000_000
 ABSENT: Final = "absent"
-"""In place of the digest of a file that cannot be read."""
+"""Instead of a digest, if a file cannot be read."""
 
 _HERE: Final = Path(__file__).resolve().parents[2]  # of the package's folder, and of a clone's robots/
 
@@ -24,7 +24,10 @@ _ASKED: Final[ContextVar[dict[str, str] | None]] = ContextVar("files_read", defa
 
 @contextmanager
 def files_read() -> Iterator[dict[str, str]]:
-    """Gather what is read within a block: SHA-256 digests by names; blocks around it get them as well.
+    """Record the files that are read within a block; outer blocks record them as well.
+
+    Yields:
+        SHA-256 digests by names of files.
 
     A file that comes with cosim or an installed package has a name relative to where that is installed:
     "cosim/robots/ur5e/arm.toml"; other names are absolute paths.
@@ -39,7 +42,7 @@ def files_read() -> Iterator[dict[str, str]]:
 
 
 def note_read(found: Mapping[str, str]) -> None:
-    """Note files that were read before, such as for a part that is taken instead of made.
+    """Record files that were read before, such as those of a part that comes from a cache.
 
     Args:
         found: as of `files_read`.
@@ -81,17 +84,17 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def note_file(path: Path) -> None:
-    """Note a file that an engine is going to read."""
+    """Record a file that an engine is going to read."""
     if _ASKED.get() is not None:
         note_read({_name(path): _digest(path)})
 
 
 def changed_file(before: Mapping[str, str], seen: dict[str, str] | None = None) -> str | None:
-    """Return the name of a file that has other contents now; None where none has.
+    """Return the name of a file whose content has changed; None if no file has changed.
 
     Args:
-        before: as of `files_read`.
-        seen: digests that are known already; gets those that are taken here.
+        before: digests of `files_read`.
+        seen: present digests that were computed before; those that are computed here are added.
     """
     seen = {} if seen is None else seen
     return next((name for name in sorted(before) if _now(name, seen) != before[name]), None)
@@ -124,5 +127,5 @@ def _name(path: Path) -> str:
 
 
 def _roots() -> Iterable[tuple[str, Path]]:
-    """Return where files are that are installed, by the first parts of their names."""
+    """Return the first parts of the names of installed files, and their folders."""
     return (("cosim", _HERE), ("python", Path(sys.prefix).resolve()))

@@ -1,4 +1,6 @@
-"""Caches parts of simulations in memory, under names of everything that they were made from."""
+"""Caches the built parts of simulations in memory: films, plans, section models. The name of a part is a hash
+of all values that it is built from, so a simulation of equal values gets the part that was built before.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -17,13 +19,13 @@ _NAMELESS: Final = "nameless "
 
 @final
 class KeptParts:
-    """Holds the parts that were made or taken last, a few of each kind.
+    """A cache of built parts, with the few of each kind that were used last.
 
-    Nobody changes a part that is in here. Its name holds everything that making it depends on, so a part that
-    is taken is bit-identical to the one that would be made. Not for several threads at once.
+    A part in the cache must not be changed. Its name depends on every value that it is built from, so a part
+    from the cache is bit-identical to a new one. Use it from one thread at a time.
 
     Args:
-        on_disk: whether plans are kept for other processes as well.
+        on_disk: whether plans are also written to the cache on disk, for other processes.
     """
 
     def __init__(self, *, on_disk: bool = False) -> None:
@@ -31,13 +33,13 @@ class KeptParts:
         self._kinds: dict[str, dict[str, tuple[Any, dict[str, str]]]] = {}  # with the files that were read
 
     def made(self, kind: str, name: str, make: Callable[[], Kind], most: int = _MOST) -> Kind:
-        """Return the part of a name, which is made if it is not there.
+        """Return the part of a name; it is built if the cache does not have it.
 
         Args:
             kind: of part.
-            name: of its ingredients, see `name_of`.
-            make: makes it; where it raises, nothing is kept.
-            most: how many of the kind are kept, those that were made or taken last.
+            name: of the values that it is built from, see `name_of`.
+            make: builds the part; if it raises, nothing is added to the cache.
+            most: how many parts of the kind remain in the cache, those that were used last.
         """
         parts = self._kinds.setdefault(kind, {})
         if name in parts:
@@ -52,24 +54,27 @@ class KeptParts:
         return cast(Kind, part)
 
     def forget(self, kind: str, name: str) -> None:
-        """Let a part go whose ingredients have changed.
+        """Remove a part from the cache, after a value that it was built from has changed.
 
         Args:
             kind: of the part.
-            name: of the part, see `name_of`; it need not be there.
+            name: of the part, see `name_of`; it need not be in the cache.
         """
         self._kinds[kind].pop(name, None)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make it in another process: with nothing in it."""
+        """Pickle as an empty cache with the same settings."""
         return partial(KeptParts, on_disk=self.on_disk), ()
 
 
 def name_of(*contents: Any) -> str:
-    """Return a name of contents, see `content_name`; one that nothing else has where they cannot be named.
+    """Return a name of the values that a part is built from, see `content_name`.
+
+    If one of them has no known content, such as an object of a user's class, the name is a random one, so
+    that the part is never found again.
 
     Args:
-        contents: of a part; a name among them represents the contents of another part.
+        contents: values; the name of another part represents the values of that part.
     """
     if any(isinstance(part, str) and part.startswith(_NAMELESS) for part in contents):
         return nameless()
@@ -80,23 +85,23 @@ def name_of(*contents: Any) -> str:
 
 
 def is_nameless(name: str) -> bool:
-    """Return whether a name is of contents that are not known."""
+    """Return whether a name is a random one, see `nameless`."""
     return name.startswith(_NAMELESS)
 
 
 def nameless() -> str:
-    """Return a name that nothing else has, for what is made of contents that are not known."""
+    """Return a random name, for a part that is built from values of unknown content."""
     return _NAMELESS + uuid4().hex
 
 
 def stamps(files: Iterable[Path]) -> tuple[tuple[str, int, int], ...]:
-    """Return name, size and time of the last change of files: other contents have other stamps."""
-    found = []
+    """Return name, size [bytes] and time of the last change [ns] of each file; -1 for a missing file."""
+    entries = []
     for path in files:
         try:
             status = path.stat()
         except OSError:
-            found.append((str(path), -1, -1))
+            entries.append((str(path), -1, -1))
         else:
-            found.append((str(path), status.st_size, status.st_mtime_ns))
-    return tuple(found)
+            entries.append((str(path), status.st_size, status.st_mtime_ns))
+    return tuple(entries)

@@ -1,9 +1,8 @@
-"""Machine code of kernels on disk: a folder for each state of the source that it may come from.
-
-The folder is named by one hash of all files that name this module or `cosim.base.kernels`, of the compiler,
-and of the processor. numba's own cache does not notice that a function was edited in another file; here that
-is another folder. Kernels outside of the package have one by all files of their package, or beside them, as
-well. Where folders are, and when files are deleted: `cosim.base.caches`.
+"""The machine code of kernels in the cache on disk. numba's own cache does not notice that a function of
+another file was edited. Here the files are in a folder that is named by a hash of all source files with
+kernels, of the compiler and of the processor, so after an edit the kernels are compiled again. The hash for
+kernels outside of the package also contains all files of their package, or of their folder. The policy of the
+folders is in `cosim.base.caches`.
 """
 
 import os
@@ -31,9 +30,9 @@ _NO_MATTER: Final = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 
 @final
 class KernelCache:
-    """Keeps a kernel's machine code: numba asks it before it compiles, and hands it what it has compiled.
+    """The cache of one kernel, as numba uses it: numba loads machine code from it, or compiles and saves it.
 
-    `keeps` says whether anything can be written.
+    `keeps` says whether the cache can be written.
 
     Args:
         function: of the kernel, in a file.
@@ -44,33 +43,33 @@ class KernelCache:
         self.keeps, self.cache_path = folder is not None, str(folder)
         path = Path(function.__code__.co_filename).resolve()
         self._base = f"{folder_of(path)}/{function.__module__}.{function.__qualname__}"
-        self._place = path.name, function.__code__.co_firstlineno  # two scripts are of one module's name
+        self._origin = path.name, function.__code__.co_firstlineno  # two scripts may have one module name
 
     def name(self, signature: Any) -> str:
         """Return the name of the file for a signature, or a tuple of argument types."""
-        return f"{self._base}-{sha256(f'{self._place} {signature}'.encode()).hexdigest()[:8]}.nbc"
+        return f"{self._base}-{sha256(f'{self._origin} {signature}'.encode()).hexdigest()[:8]}.nbc"
 
     def is_there(self, signature: Any) -> bool:
-        """Return whether there is sound machine code."""
-        return bool(caches.kept(caches.KERNELS, self.name(signature), bool))
+        """Return whether the cache has undamaged machine code of a signature."""
+        return bool(caches.load(caches.KERNELS, self.name(signature), bool))
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the compiled code of a signature; None if the cache has none."""
         context.refresh()
-        return caches.kept(caches.KERNELS, self.name(signature), lambda data: from_bytes(data, context))
+        return caches.load(caches.KERNELS, self.name(signature), lambda data: from_bytes(data, context))
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
-        """Keep what was compiled, where it can be."""
+        """Write the compiled code of a signature, if the cache can be written."""
         if not self.keeps:
             return
-        with suppress(*(() if KNOWN else (Exception,))):  # another numba may keep other things
+        with suppress(*(() if KNOWN else (Exception,))):  # another version of numba may fail here
             data = to_bytes(compiled)
             if data is not None:
-                caches.keep(caches.KERNELS, self.name(signature), data)
+                caches.store(caches.KERNELS, self.name(signature), data)
 
 
 def cache_of(function: Any) -> KernelCache | None:
-    """Return the cache of a kernel; None where no folder can be used, or its code is not all in files."""
+    """Return the cache of a kernel; None if no folder is usable, or if its code is not all in files."""
     in_file = os.path.isfile(function.__code__.co_filename) and not function.__closure__
     return KernelCache(function) if in_file and any(caches.folders(caches.KERNELS)) else None
 
@@ -87,7 +86,7 @@ def folder_of(path: Path) -> str:
 
 @cache
 def _of_package() -> str:
-    """Return a hash of this package's files with kernels, of what compiles them, and of the processor."""
+    """Return a hash of this package's files with kernels, of the compiler, and of the processor."""
     settings = sorted(entry for entry in os.environ.items() if entry[0].startswith("NUMBA_"))
     chosen = [entry for entry in settings if entry[0] not in _NO_MATTER]
     versions = numba.__version__, np.__version__, sys.version_info[:2]
@@ -97,9 +96,9 @@ def _of_package() -> str:
 
 @cache
 def _of_others(top: Path) -> str:
-    """Return a hash of the files of another package, or of those beside one another, and of `_of_package`."""
-    found = top.rglob("*.py") if (top / "__init__.py").is_file() else top.glob("*.py")
-    return _hash_of(_of_package(), (path.read_bytes() for path in sorted(found)))
+    """Return a hash of the files of another package, or of a folder of scripts, and of `_of_package`."""
+    sources = top.rglob("*.py") if (top / "__init__.py").is_file() else top.glob("*.py")
+    return _hash_of(_of_package(), (path.read_bytes() for path in sorted(sources)))
 
 
 def _hash_of(begin: str, texts: Iterable[bytes]) -> str:

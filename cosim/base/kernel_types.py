@@ -1,6 +1,5 @@
-"""Types of what kernels take, for annotations: numbers, arrays of some dimensions, named tuples of these.
-
-A file of its own: records name types alone, and need nothing of what compiles kernels in `kernels`.
+"""Types of the arguments of kernels, for annotations: numbers, arrays, and named tuples of these. Records
+import only this module, so that they do not import the compiler of `cosim.base.kernels`.
 """
 
 from functools import cache
@@ -34,7 +33,7 @@ _PLAIN: dict[Any, Any] = {
 
 @cache
 def numba_type(kind: Any) -> Any:
-    """Return numba's type of what an annotation names.
+    """Return numba's type for an annotation.
 
     Args:
         kind: float, int, bool, None, an alias such as `Matrix` that carries its type, or a tuple or named
@@ -61,11 +60,11 @@ def numba_type(kind: Any) -> Any:
     )
 
 
-def nothing_of(kind: Any) -> Any:
-    """Return arrays without entries, and zeros, that represent nothing where a kernel takes some type."""
+def empty_of(kind: Any) -> Any:
+    """Return a value of a type with empty arrays and zeros, for an unused argument of a kernel."""
     kind = kind if isinstance(kind, types.Type) else numba_type(kind)
     if isinstance(kind, types.NamedTuple | types.NamedUniTuple):
-        return kind.instance_class(*map(nothing_of, kind.types))
+        return kind.instance_class(*map(empty_of, kind.types))
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     return False if kind == types.boolean else kind.cast_python_value(0)

@@ -1,8 +1,7 @@
-"""How functions become kernels: one signature each, read from annotations, without fast-math.
-
-A kernel is a pure function over arrays, called from Python, or by its name from another kernel. It is
-compiled when it is first called, which is announced, see `cosim.base.compilation`; machine code stays on
-disk, see `cosim.base.kernel_cache`. A device function is compiled as a part of each kernel that calls it.
+"""Turns Python functions into kernels: numba compiles each for the one signature of its annotations, without
+fast-math. A kernel is a pure function of arrays. Python calls it, and other kernels call it by its name. It
+is compiled at its first call, see `cosim.base.compilation`, and its machine code is in a cache on disk, see
+`cosim.base.kernel_cache`. A device function is compiled as a part of each kernel that calls it.
 """
 
 from collections.abc import Callable
@@ -21,8 +20,8 @@ from cosim.base.numba_insides import same_bits as same_bits
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# fastmath as a whole stays off: NaN must stay visible, and results must not depend on the compiler's mood.
-# error_model="numpy" lets a division by zero give inf (a named outcome later) and keeps loops vectorised.
+# Without fastmath NaN stays visible, and results do not depend on the optimisations of the compiler.
+# With error_model="numpy" a division by zero gives inf, which is reported later, and loops stay vectorised.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _ANY_ORDER = {"reassoc", "contract"}
 
@@ -31,15 +30,15 @@ def _annotated(function: Any) -> Any:
     """Return the signature that a function's annotations give.
 
     Raises:
-        TypeError: an argument or what it returns is not annotated with a type of kernels.
+        TypeError: an argument or the result is not annotated with a type of `cosim.base.kernel_types`.
     """
     try:
         hints = {
             name: numba_type(kind) for name, kind in get_type_hints(function, include_extras=True).items()
         }
         code = function.__code__
-        given = [hints[name] for name in code.co_varnames[: code.co_argcount]]
-        return hints["return"](*given)
+        arguments = [hints[name] for name in code.co_varnames[: code.co_argcount]]
+        return hints["return"](*arguments)
     except KeyError as error:
         raise TypeError(f"{function.__qualname__}() does not annotate {error}") from None
     except TypeError as error:
@@ -55,21 +54,22 @@ def kernel(function: Function) -> Function:
 def kernel(
     function: None = None, *, reorder_sums: bool = ..., allocates: bool = ...
 ) -> Callable[[Function], Function]:
-    """Return what turns a function into a kernel."""
+    """Return a decorator that turns a function into a kernel."""
 
 
 def kernel(function: Any = None, *, reorder_sums: bool = False, allocates: bool = False) -> Any:
-    """Turn a function into a kernel with the signature of its annotations, kept as `fixed_signature`.
+    """Turn a function into a kernel with the signature of its annotations, its `fixed_signature`.
 
     Args:
-        function: decorated without arguments.
-        reorder_sums: whether sums may be taken in any order, with products fused into them, as BLAS does;
-            values that are not finite stay visible.
-        allocates: whether it makes arrays whose size it does not know when it is compiled, returns arrays, or
-            calls what does; see `device_function` for what that costs, and `small_vector` for the others.
+        function: if the decorator is used without arguments.
+        reorder_sums: whether sums may be evaluated in any order, with fused multiply-add, as in BLAS; values
+            that are not finite stay visible.
+        allocates: whether the kernel makes arrays whose size is not known at compilation, returns arrays, or
+            calls an allocating function. It then counts references, see `device_function` for the cost.
+            `small_vector` makes arrays of known size without that.
 
     Raises:
-        TypeError: it returns arrays, and does not say that it allocates; or an annotation is missing.
+        TypeError: it returns arrays without `allocates`, or an annotation is missing.
     """
 
     def decorate(function: Any) -> Any:
@@ -77,15 +77,15 @@ def kernel(function: Any = None, *, reorder_sums: bool = False, allocates: bool 
         if not allocates and has_arrays(fixed.return_type):
             raise TypeError(f"a kernel of {fixed} returns arrays: it has to say that it allocates")
         options = _OPTIONS | counting(allocates=allocates)
-        options["fastmath"] = _ANY_ORDER if reorder_sums else False  # not that of a kernel that calls it
+        options["fastmath"] = _ANY_ORDER if reorder_sums else False  # not inherited from a calling kernel
         result: Any = numba.njit(function, **options)
         if KNOWN:
             result.__class__ = numba_insides.Kernel
-            result.taken_in = cache(partial(numba_insides.device_function, function, **options))
+            result.as_device_function = cache(partial(numba_insides.device_function, function, **options))
         result.fixed_signature, result.cache = fixed, cache_of(function)
         result.compile = partial(compilation.compile_called, result, result.compile)
         if result.cache is not None:
-            result._cache = result.cache  # numba has no public way to say what else a kernel depends on
+            result._cache = result.cache  # numba has no public way to set a cache
         return result
 
     return decorate if function is None else decorate(function)
@@ -96,45 +96,45 @@ def _device(function: Any, *, allocates: bool = False, **options: Any) -> Any:
 
 
 def device_function(function: Function) -> Function:
-    """Mark a small function that kernels call; it is compiled with each of them, and for nothing else.
+    """Mark a small function that only kernels call; it is compiled as a part of each of them.
 
-    It makes no arrays, and counts no references to those that it is given: every view of one costs two
-    atomic additions otherwise, more than many a loop does.
+    It makes no arrays and counts no references to arrays. Counting costs two atomic additions for every view
+    of an array, more than many loops.
     """
     result: Function = _device(function)
     return result
 
 
 def inlined(function: Function) -> Function:
-    """Mark a device function that becomes part of its callers before anything is optimised.
+    """Mark a device function that is inlined before any optimisation.
 
-    For what a loop over lanes calls: with calls in it that are inlined late, the loop is not vectorised.
+    For functions within a loop over SIMD lanes: a loop with calls that are inlined late is not vectorised.
     """
     result: Function = _device(function, forceinline=True)
     return result
 
 
 def allocating(function: Function) -> Function:
-    """Mark a device function that makes arrays, hands its own arrays on, or calls what does."""
+    """Mark a device function that makes or returns arrays, or calls an allocating function."""
     result: Function = _device(function, allocates=True)
     return result
 
 
 @cache
 def unchecked(kernel: Function) -> Function:
-    """Return the code of a kernel, which does not look at the types of what it is given.
+    """Return the machine code of a kernel, which is called without a check of argument types.
 
-    That look takes longer than the call: 6 us of 6.5 with 30 arrays in named tuples. Whatever is not of the
-    annotated types is misread, so it is for arrays that the caller has made.
+    The check takes longer than the call: 6 us of 6.5 us with 30 arrays in named tuples. An argument of
+    another type is misread, so the caller must have made all arguments.
     """
-    asked: Any = kernel
+    dispatcher: Any = kernel
     compilation.compile_kernels((kernel,))
-    asked.compile(asked.fixed_signature)  # or load it
-    found: Function = asked.overloads[tuple(asked.fixed_signature.args)].entry_point
-    return found
+    dispatcher.compile(dispatcher.fixed_signature)  # or load it
+    code: Function = dispatcher.overloads[tuple(dispatcher.fixed_signature.args)].entry_point
+    return code
 
 
-def for_these(kernel: Function, *given: Any) -> Function:
+def unchecked_for(kernel: Function, *given: Any) -> Function:
     """Return `unchecked(kernel)` if these arguments have the annotated types, otherwise the kernel."""
     fixed = getattr(kernel, "fixed_signature", None)
     found = fixed is not None and tuple(map(numba.typeof, given)) == tuple(fixed.args)
@@ -142,7 +142,7 @@ def for_these(kernel: Function, *given: Any) -> Function:
 
 
 def _small_array(dimensions: int, *, zeros: bool = False) -> Any:
-    """Return what makes arrays of so many lengths in a kernel."""
+    """Return a function that makes arrays of so many dimensions in a kernel."""
     if KNOWN:
         define: Any = (
             (lambda _typing, length: stack_array((length,), zeros=zeros))
@@ -156,18 +156,18 @@ def _small_array(dimensions: int, *, zeros: bool = False) -> Any:
 
 
 small_vector = _small_array(1)
-"""Makes an array (length,) of a kernel's own, not filled; it ends with the call in which it is made."""
+"""Makes an uninitialised array (length,) within a kernel; it exists until the kernel returns."""
 small_matrix = _small_array(2)
-"""Makes an array (rows, columns) of a kernel's own, not filled; it ends as `small_vector` does."""
+"""Makes an uninitialised array (rows, columns) within a kernel, as `small_vector` does."""
 zero_vector = _small_array(1, zeros=True)
-"""Makes an array (length,) of zeros; it ends as `small_vector` does."""
+"""Makes an array (length,) of zeros within a kernel, as `small_vector` does."""
 zero_matrix = _small_array(2, zeros=True)
-"""Makes an array (rows, columns) of zeros; it ends as `small_vector` does."""
+"""Makes an array (rows, columns) of zeros within a kernel, as `small_vector` does."""
 
 
 @device_function
 def copy(values: Vector, to: Vector) -> None:
-    """Copy values; a loop compiles in a fraction of the time of an assignment to a slice."""
+    """Copy a vector; this loop compiles much faster than an assignment to a slice."""
     for i in range(values.shape[0]):
         to[i] = values[i]
 

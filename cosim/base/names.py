@@ -1,6 +1,5 @@
-"""Names that files and results give: parts without their own name, the terms of the energy, a class's fields.
-
-Schemas and files repeat what docstrings say of fields, so that every text stands once.
+"""Names in files and results: the chamber of a body with one chamber, and the terms of the energy balance. A
+schema or a file describes its fields with the text of their docstrings, which `texts_of` reads.
 """
 
 import inspect
@@ -18,12 +17,12 @@ LOST: Final = (
     "contact_loss_J", "eyelets_J", "damping_J", "air_drag_J", "material_damping_J", "numerical_J",
 )  # fmt: skip
 MADE: Final = ("eyelets_made_J",)
-"""What losses of one way make: a part of what is lost at eyelets, not counted again."""
+"""Energy that a one-way coupling of eyelets creates: a part of `eyelets_J`, which is not counted again."""
 BETWEEN: Final = ("contacts_J",)
-"""What the film gets of the energy that bodies put in: the loss of contact is taken from it."""
+"""Energy from bodies to the film; the contact loss is the difference between what they give and this."""
 TERMS: Final = (*WORKS, "elastic_J", "kinetic_J", "numerical_J", "rest_J")
-"""Of the energy balance, in the order of its columns;
-elastic energy, and with it the rest, are known at some ticks only."""
+"""Terms of the energy balance, in the order of its columns. The elastic energy, and so the rest, are known at
+some ticks only."""
 
 
 def texts_of(kind: type) -> tuple[str, dict[str, str]]:

@@ -1,7 +1,6 @@
-"""The compiler's settings for kernels: all that uses private modules of numba.
-
-Kernels count no references; functions that they call are compiled with each of them, not for themselves.
-Another numba than `KNOWN` compiles in its public way: half as long again, the same results up to rounding.
+"""Compiler settings for kernels, and all uses of private modules of numba. Kernels count no references, and
+device functions are compiled only with the kernels that call them. A version of numba other than `KNOWN` uses
+public functions alone: compilation takes half as long again, and results are the same up to rounding.
 """
 
 import pickle
@@ -25,17 +24,17 @@ def has_arrays(kind: Any) -> bool:
 
 
 def counting(*, allocates: bool) -> dict[str, Any]:
-    """Return options: references are counted, two atomic additions a view, only where arrays are made."""
+    """Return compiler options that count references, two atomic additions for each view, only if needed."""
     return {"_nrt": allocates, "no_cfunc_wrapper": True} if KNOWN else {}
 
 
 def to_bytes(compiled: Any) -> bytes | None:
-    """Return what can be kept of a compiled kernel; None where it holds addresses of this process."""
+    """Return the bytes of a compiled kernel for the cache; None if it contains addresses of this process."""
     from numba.core.serialize import dumps
 
     if compiled.library.has_dynamic_globals:
         return None
-    if KNOWN:  # nothing is linked with it: without intermediate code it is read in a tenth less
+    if KNOWN:  # no other code is linked with it, so intermediate code would only make reading slower
         names = sorted(entry.name for entry in compiled.library.get_defined_functions())
         empty = "".join(f'define void @"{name}"() {{ ret void }}\n' for name in names)
         compiled.library._shared_module = llvm.parse_assembly(empty)
@@ -60,7 +59,7 @@ if KNOWN:
     class IntermediateCode(CPUCodeLibrary):
         """Code of a function that is optimised with each kernel that calls it."""
 
-        codegen = SimpleNamespace(set_env=lambda *_given: None)  # keeps track of machine code: none is made
+        codegen = SimpleNamespace(set_env=lambda *_arguments: None)  # no machine code, so no environment
 
         def _optimize_final_module(self) -> None: ...
 
@@ -69,7 +68,7 @@ if KNOWN:
             self._finalized = True
 
         def get_pointer_to_function(self, name: str) -> int:
-            return 0  # as there is no machine code
+            return 0  # there is no machine code
 
     @final
     class DeviceCompiler(Compiler):
@@ -81,7 +80,7 @@ if KNOWN:
 
     @final
     class DeviceFunction(CPUDispatcher):
-        """A function that only kernels can call; a TypeError says where it is marked wrongly."""
+        """A function that only kernels can call."""
 
         def __call__(self, *_given: Any) -> NoReturn:
             raise TypeError(f"only kernels can call {self.py_func.__name__}(), which has no code of its own")
@@ -96,17 +95,17 @@ if KNOWN:
 
     @final
     class Kernel(CPUDispatcher):
-        """What Python calls; another kernel that calls it by its name takes the function in."""
+        """A function that Python calls; in a kernel that calls it by name it is a device function."""
 
-        taken_in: Any
+        as_device_function: Any
 
         @property
         def _numba_type_(self) -> Any:
-            return numba.types.Dispatcher(self.taken_in())
+            return numba.types.Dispatcher(self.as_device_function())
 
 
 def device_function(function: Any, **options: Any) -> Any:
-    """Return what compiles a function as a part of every kernel that calls it."""
+    """Return a dispatcher that compiles a function as a part of every kernel that calls it."""
     if not KNOWN:
         return numba.njit(function, **options)
     compile_later: Any = numba.njit  # typed for its public options
@@ -127,14 +126,14 @@ def same_bits(_typing: Any, value: Any) -> Any:
 
 
 def stack_array(asked: tuple[Any, ...], *, zeros: bool = False) -> Any:
-    """Return type and code of an array on a kernel's stack, which needs no counting; None if sizes vary."""
+    """Return type and code of an array on a kernel's stack, without references; None if its size varies."""
     shape = [int(length.literal_value) for length in asked if isinstance(length, numba.types.IntegerLiteral)]
     if len(shape) < len(asked):
         return None
     made = numba.types.Array(numba.types.float64, len(shape), "C")
 
     def generate(context: Any, builder: Any, _signature: Any, _given: Any) -> Any:
-        with builder.goto_entry_block():  # once, however often a loop comes by
+        with builder.goto_entry_block():  # allocated once, also within a loop
             place = builder.alloca(ir.ArrayType(ir.DoubleType(), int(np.prod(shape))))
             place.align = 32  # [bytes], of the widest loads
         if zeros:

@@ -1,8 +1,6 @@
-"""States on disk: a tree, see `cosim.base.state`, as one .npz file of arrays and a JSON text.
-
-A tree is written and read back bit for bit; an array that occurs twice is stored once, and is one array
-again. Reading executes nothing: a class is looked up among the modules that are loaded already, and only
-frozen dataclasses, named tuples and enums are made.
+"""Writes the state of a run, see `cosim.base.state`, to one .npz file of arrays and a JSON text, and reads it
+back bit for bit. An array that occurs twice is stored once. Reading executes no code: classes are looked up
+only in modules that are already imported, and must be frozen dataclasses, named tuples or enums.
 """
 
 import enum
@@ -34,19 +32,19 @@ _DAMAGE = (
     ArithmeticError, AttributeError, LookupError, MemoryError, NotImplementedError, RuntimeError, SyntaxError,
     TypeError, ValueError, EOFError, zlib.error, struct.error,
 )  # fmt: skip
-"""What reading a damaged or made-up file may raise."""
+"""Exceptions of reading a damaged or forged file."""
 
 
 def save(target: Path | BinaryIO, tree: Any, header: Mapping[str, Any] | None = None) -> None:
-    """Write a state; a reader of a path sees all of it, or what was there before.
+    """Write a state to a file or stream; a file is replaced as a whole, at the end.
 
     Args:
         target: path of the file, or a stream.
         tree: the state.
-        header: JSON values that `load_header` reads alone.
+        header: JSON values, which `load_header` reads without the state.
 
     Raises:
-        TypeError: a part of the state is of a kind that cannot be written; the text names it.
+        TypeError: a part of the state is of a class that cannot be written; the message names it.
     """
     arrays: dict[int, tuple[str, NDArray[Any]]] = {}
     structure = {
@@ -63,7 +61,7 @@ def load(source: Path | BinaryIO) -> Any:
     """Return the state in a file or stream. The modules of its classes must have been imported.
 
     Raises:
-        InputError: it holds no state, one of another schema, or one of classes that are unknown or changed.
+        InputError: it holds no state, a state of another schema, or classes that are unknown or changed.
     """
     structure, arrays = _read(source, whole=True)
     try:
@@ -73,7 +71,7 @@ def load(source: Path | BinaryIO) -> Any:
 
 
 def load_header(path: Path) -> dict[str, Any]:
-    """Return the header of a state's file; nothing else is read.
+    """Return the header of a state's file, without reading its arrays.
 
     Raises:
         InputError: it holds no state, or one of another schema.
@@ -88,11 +86,11 @@ class WrittenState(ABC):
     @property
     @abstractmethod
     def _ticks(self) -> int:
-        """How many ticks had been taken."""
+        """Number of ticks that were simulated."""
 
     @final
     def write(self, path: str | Path) -> None:
-        """Write the state to a file, from which the simulation that saved it, or one like it, can continue.
+        """Write the state to a file, from which this simulation, or an equally built one, can continue.
 
         Args:
             path: of the file, an archive of NumPy (.npz).
@@ -104,29 +102,29 @@ class WrittenState(ABC):
             save(Path(path), self, {"tick": self._ticks})
 
 
-def kept_or_made(cache: str, name: str, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
-    """Return a state that is kept on disk; made, and then kept where it can be, if it is not there.
+def load_or_make(cache: str, name: str, kind: type[Kind], make: Callable[[], Kind]) -> Kind:
+    """Return a state from the cache on disk; if it is not there, it is made and written to the cache.
 
     Args:
         cache: of `caches.KINDS`.
-        name: of all that it depends on.
-        kind: of the state.
-        make: makes it; one that is no plain data is not kept.
+        name: a hash of all that the state depends on.
+        kind: class of the state.
+        make: makes the state; a state that `save` refuses is not written to the cache.
     """
 
-    def unpacked(data: bytes) -> Kind:
-        found = load(io.BytesIO(data))
-        if not isinstance(found, kind):
-            raise TypeError(f"a {type(found).__name__} is no {kind.__name__}")
-        return found
+    def read(data: bytes) -> Kind:
+        state = load(io.BytesIO(data))
+        if not isinstance(state, kind):
+            raise TypeError(f"a {type(state).__name__} is no {kind.__name__}")
+        return state
 
-    found = caches.kept(cache, f"{name}.kept", unpacked)
-    if found is None:
-        found, stream = make(), io.BytesIO()
+    state = caches.load(cache, f"{name}.kept", read)
+    if state is None:
+        state, stream = make(), io.BytesIO()
         with suppress(TypeError):
-            save(stream, found)
-            caches.keep(cache, f"{name}.kept", stream.getvalue())
-    return found
+            save(stream, state)
+            caches.store(cache, f"{name}.kept", stream.getvalue())
+    return state
 
 
 def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
@@ -139,17 +137,17 @@ def _read(path: Path | BinaryIO, *, whole: bool) -> tuple[dict[str, Any], dict[s
         raise InputError(f"{path}: is no saved state that can be read: {error.strerror or error}") from error
     except (*_DAMAGE, zipfile.BadZipFile) as error:
         raise InputError(f"{path}: is no saved state that can be read: {_one_line(error)}") from error
-    found = structure.get("schema") if isinstance(structure, dict) else None
-    if found != STATE_SCHEMA or not isinstance(structure.get("header"), dict):
-        raise InputError(f"{path}: has schema {str(found)[:40]}; this cosim reads {STATE_SCHEMA}")
+    schema = structure.get("schema") if isinstance(structure, dict) else None
+    if schema != STATE_SCHEMA or not isinstance(structure.get("header"), dict):
+        raise InputError(f"{path}: has schema {str(schema)[:40]}; this cosim reads {STATE_SCHEMA}")
     return structure, arrays
 
 
 def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """Return an array stored as `numpy.savez` does it: as it is, so that it is no larger in memory.
+    """Return an array of an archive, without compression, so that it is no larger in memory than in the file.
 
     Raises:
-        ValueError: it is packed, shorter or longer than it says, or made of objects.
+        ValueError: it is compressed, has another size than its header says, or contains Python objects.
     """
     entry = archive.getinfo(name)
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size > entry.compress_size:
@@ -167,45 +165,45 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
 
 
 def _one_line(error: BaseException) -> str:
-    """Return the first line of an error's text, or its kind where it has none."""
+    """Return the first line of an error's message, or its class if the message is empty."""
     return (str(error).splitlines() or [""])[0][:200] or type(error).__name__
 
 
-def _encoded(tree: Any, place: str, arrays: dict[int, tuple[str, NDArray[Any]]]) -> Any:
-    """Return JSON for a part of a state, `place` in it; its arrays join `arrays`, by identity, with names."""
+def _encoded(tree: Any, path: str, arrays: dict[int, tuple[str, NDArray[Any]]]) -> Any:
+    """Return JSON for the part of a state at a path; its arrays are added to `arrays`, by identity."""
     if isinstance(tree, np.generic):
         tree = tree.item()
     if isinstance(tree, enum.Enum):
-        return {"enum": _class_name(type(tree), place), "name": tree.name}
+        return {"enum": _class_name(type(tree), path), "name": tree.name}
     if tree is None or isinstance(tree, bool | int | float | str):
         return tree
     if isinstance(tree, np.ndarray):
         if tree.dtype.hasobject:
-            raise TypeError(f"{place} is an array of objects, which no saved state can hold")
+            raise TypeError(f"{path} is an array of objects, which no saved state can hold")
         return {"array": arrays.setdefault(id(tree), (f"array_{len(arrays)}", tree))[0]}
     parts, kinds = entries(tree), set(map(type, tree)) if isinstance(tree, Mapping) else set()
     if parts is None or kinds - {str, int} or len(kinds) > 1:
-        raise TypeError(f"{place} is a {type(tree).__name__}, which no saved state can hold")
-    inner = {name: _encoded(part, place + name, arrays) for name, part in parts}
+        raise TypeError(f"{path} is a {type(tree).__name__}, which no saved state can hold")
+    inner = {name: _encoded(part, path + name, arrays) for name, part in parts}
     if isinstance(tree, Mapping):
         return {"by_number" if int in kinds else "dict": dict(zip(tree, inner.values(), strict=True))}
     if not is_record(type(tree)):
         return {"tuple" if isinstance(tree, tuple) else "list": list(inner.values())}
-    own = dict(zip(field_names(type(tree)), inner.values(), strict=True))
-    return {"class": _class_name(type(tree), place), "fields": own}
+    values = dict(zip(field_names(type(tree)), inner.values(), strict=True))
+    return {"class": _class_name(type(tree), path), "fields": values}
 
 
-def _class_name(kind: type, place: str) -> str:
+def _class_name(kind: type, path: str) -> str:
     name = f"{kind.__module__}:{kind.__qualname__}"
     if _find_class(name) is not kind:
-        raise TypeError(f"{place} is a {kind.__qualname__}, which is not at the top level of its module")
+        raise TypeError(f"{path} is a {kind.__qualname__}, which is not at the top level of its module")
     return name
 
 
 def _find_class(name: str) -> type | None:
-    """Return a frozen dataclass, a named tuple or an enum of a loaded module; None for anything else."""
-    module, _, own = name.partition(":")
-    kind = getattr(sys.modules.get(module), own, None)
+    """Return a frozen dataclass, named tuple or enum of an imported module; None for anything else."""
+    module, _, class_name = name.partition(":")
+    kind = getattr(sys.modules.get(module), class_name, None)
     if isinstance(kind, type) and (is_record(kind) or issubclass(kind, enum.Enum)):
         return kind
     return None
@@ -232,7 +230,7 @@ def _decoded(value: Any, arrays: Mapping[str, NDArray[Any]]) -> Any:
         if issubclass(kind, enum.Enum):
             return kind[value["name"]]
         saved, known = value["fields"], set(field_names(kind))
-        if known ^ saved.keys():  # a default would stand for what was not known when it was saved
+        if known ^ saved.keys():  # no default may replace a value that was not saved
             raise KeyError(f"other fields: {', '.join(sorted(known ^ saved.keys()))}")
         return kind(**{key: _decoded(item, arrays) for key, item in saved.items()})
     except (KeyError, TypeError) as error:

@@ -295,7 +295,7 @@ def sensitivity(
     soft = run.soft
     if not isinstance(soft, SoftArm):
         raise InputError(
-            f"fidelity = {scenario.fidelity!r} has no film; take fidelity = 'lumped' or 'refined'"
+            f"fidelity = {scenario.fidelity!r} has no film; use fidelity = 'lumped' or 'refined'"
         )
     if isinstance(run, QuasistaticSimulation):
         return _at_rest(scenario, soft, run.equilibrium, (parameters, outputs))

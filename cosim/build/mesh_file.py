@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base import solid
+from cosim.base import triangle_mesh
 from cosim.base.frames import Array, IntArray, cross, in_mm
 from cosim.config.schema import body_sources
 from cosim.errors import MeshError
@@ -22,8 +22,8 @@ def drawn_mesh(table: body_sources.MeshTable) -> NamedMesh:
     Raises:
         MeshError: the file cannot be read, its surface is not sound, or a set has no nodes.
     """
-    read = solid.read_surface(Path(table.file))
-    surface = solid.GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
+    read = triangle_mesh.read_surface(Path(table.file))
+    surface = triangle_mesh.GroupedSurface(table.scale * read.vertices, read.triangles, read.groups)
     check_mesh(surface.vertices, surface.triangles)
     pinched = nodes_of_several_fans(surface.triangles)
     if len(pinched):
@@ -51,7 +51,7 @@ def drawn_mesh(table: body_sources.MeshTable) -> NamedMesh:
     )
 
 
-def _six_volumes(surface: solid.GroupedSurface, holes: tuple[IntArray, ...]) -> float:
+def _six_volumes(surface: triangle_mesh.GroupedSurface, holes: tuple[IntArray, ...]) -> float:
     """Return six times the volume [m^3] that film and caps enclose, see `cosim.soft.elements.pressure`."""
     x = surface.vertices - surface.vertices.mean(axis=0)
     a, b, c = (x[surface.triangles[:, k]] for k in range(3))
@@ -59,7 +59,7 @@ def _six_volumes(surface: solid.GroupedSurface, holes: tuple[IntArray, ...]) -> 
     return float((a * cross(b, c)).sum() + sum(caps))
 
 
-def _nodes(entry: body_sources.NodeSetTable, surface: solid.GroupedSurface) -> IntArray:
+def _nodes(entry: body_sources.NodeSetTable, surface: triangle_mesh.GroupedSurface) -> IntArray:
     if entry.group is not None:
         if entry.group not in surface.groups:
             known = ", ".join(surface.groups) or "none"
@@ -84,7 +84,7 @@ def _in_plane(name: str, axis: int, at_m: float, x: Array) -> IntArray:
     return found[np.argsort(angle if at_m > 0.5 * (low + high) else -angle, kind="stable")]
 
 
-def _nearest(name: str, points: Array, surface: solid.GroupedSurface) -> IntArray:
+def _nearest(name: str, points: Array, surface: triangle_mesh.GroupedSurface) -> IntArray:
     x = surface.vertices
     ends = x[directed_edges(surface.triangles)]
     reach = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())

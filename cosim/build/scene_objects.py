@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base import solid
+from cosim.base import triangle_mesh
 from cosim.config.schema.objects import ObjectTable, SolidTable, mesh_path
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import ContactTable
@@ -83,7 +83,7 @@ def _object_geometry(part: SolidTable, entry: ObjectTable) -> Geometry:
 
 def _solid(entry: ObjectTable | SolidTable) -> dict[str, Any]:
     """Return the arguments of a shape, which objects and their parts have in common."""
-    mesh = None if entry.file is None else solid.read_mesh(mesh_path(entry.file)).scaled(entry.scale)
+    mesh = None if entry.file is None else triangle_mesh.read_mesh(mesh_path(entry.file)).scaled(entry.scale)
     return {"mesh": mesh} | {name: getattr(entry, name) for name in _OF_A_SOLID}
 
 

@@ -54,7 +54,7 @@ def section_model(
         return _built(scenario, body, largest, films)
 
     name = f"{content_hash(body, largest, films)}{fold}"
-    model = state_file.kept_or_made(caches.SECTION_MODELS, name, SectionModel, built)
+    model = state_file.load_or_make(caches.SECTION_MODELS, name, SectionModel, built)
     if math.isinf(model.tip_error):
         raise ScenarioError(
             "fidelity",

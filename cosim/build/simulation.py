@@ -286,7 +286,7 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Pl
             return model.kept.made("solved phases", name, solved)
         # valid for the same program on the same kind of processor; tip paths are solved again
         file = content_name(name, code_identity(), kernel_cache.processor())
-        from_disk = partial(state_file.kept_or_made, caches.PLANS, file, SolvedPhases, solved)
+        from_disk = partial(state_file.load_or_make, caches.PLANS, file, SolvedPhases, solved)
         return model.kept.made("solved phases", name, from_disk)
 
     try:

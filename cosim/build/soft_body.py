@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cosim.base import solid
+from cosim.base import triangle_mesh
 from cosim.base.frames import Array, IntArray, Pose, in_mm
 from cosim.build.given_body import LEAST_RING
 from cosim.build.mesh_file import drawn_mesh
@@ -147,7 +147,7 @@ def _check_held(mesh: NamedMesh, base: Sequence[str]) -> None:
         MeshError: one is not held.
     """
     held = mesh.positions[np.unique(np.concatenate([mesh.ring(name) for name in base]))]
-    for piece in solid.TriangleMesh(mesh.positions, mesh.triangles).shells():
+    for piece in triangle_mesh.TriangleMesh(mesh.positions, mesh.triangles).shells():
         if not (held[:, None] == piece.vertices).all(axis=2).any():
             raise MeshError(
                 f"the piece of film around {in_mm(piece.vertices.mean(axis=0))} shares no node with the "

@@ -7,7 +7,7 @@ from typing import Annotated, final
 
 import numpy as np
 
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.config.gas_rules import GasRule
 from cosim.config.schema.settings import GasTable
 from cosim.coupling.soft_sides.soft_side import SoftSide

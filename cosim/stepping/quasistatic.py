@@ -16,7 +16,7 @@ from typing import Annotated, final
 import numpy as np
 
 from cosim.base.frames import Array, Twist, Wrench, vector_from_rotation
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.devices.command_source import StepToTake
 from cosim.errors import ConvergenceError

@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape, FilmInLink, LinkContact
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
 from cosim.base.frames import Pose
-from cosim.base.state import KnownStates, check_state, check_states, restore_states, states_of
+from cosim.base.state import restore_states, states_of
+from cosim.base.state_checks import KnownStates, check_state, check_states
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError

@@ -31,7 +31,7 @@ from cosim.base import resources, writing
 from cosim.base.files import changed_file, files_read
 from cosim.base.identity import code_identity, content_name
 from cosim.base.kept_parts import KeptParts
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.config import loading, plugins, studies
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

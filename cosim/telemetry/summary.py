@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.errors import InputError
 from cosim.plan.arm_limits import PLANNED
 from cosim.telemetry import bounds, figures, holding, tick_batch, touched

@@ -23,33 +23,33 @@ def test_all_kinds_are_in_one_folder_and_the_command_lists_and_deletes_them(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for kind in caches.KINDS:
-        caches.keep(kind, "one", bytes(1_000_000))
-        assert caches.kept(kind, "one", len) == 1_000_000
+        caches.store(kind, "one", bytes(1_000_000))
+        assert caches.load(kind, "one", len) == 1_000_000
     assert sorted(path.name for path in folder.iterdir()) == sorted(caches.KINDS)
     assert main(["cache"]) == 0
     listed = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert listed == [[kind, "1", "files", "1.0", "MB", str(folder / kind)] for kind in caches.KINDS]
     assert main(["cache", "--clear"]) == 0
     assert capsys.readouterr().out.count(" 0 files") == len(caches.KINDS)
-    assert all(caches.kept(kind, "one", len) is None for kind in caches.KINDS)
+    assert all(caches.load(kind, "one", len) is None for kind in caches.KINDS)
 
 
 def test_what_was_not_used_for_longest_is_deleted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(caches, "MOST_BYTES", 2500)
     for k, name in enumerate("ab"):
-        caches.keep(caches.PLANS, name, bytes(1000))
+        caches.store(caches.PLANS, name, bytes(1000))
         os.utime(folder / caches.PLANS / name, (time.time() - 1e6 * (3 - k),) * 2)
-    caches.kept(caches.PLANS, "a", len)
-    caches.keep(caches.PLANS, "c", bytes(1000))
+    caches.load(caches.PLANS, "a", len)
+    caches.store(caches.PLANS, "c", bytes(1000))
     assert sorted(path.name for path in (folder / caches.PLANS).iterdir()) == ["a", "c"]
 
 
 def test_a_damaged_file_is_deleted_with_a_warning(folder: Path) -> None:
-    caches.keep(caches.PLANS, "a", b"sound")
+    caches.store(caches.PLANS, "a", b"sound")
     path = folder / caches.PLANS / "a"
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.warns(RuntimeWarning, match="a: is damaged; its content is computed again"):
-        assert caches.kept(caches.PLANS, "a", bytes) is None
+        assert caches.load(caches.PLANS, "a", bytes) is None
     assert not path.exists()
 
 
@@ -57,6 +57,6 @@ def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "file").touch()
     for name in (caches.VARIABLE, "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, str(tmp_path / "file"))
-    caches.keep(caches.PLANS, "a", b"sound")
-    assert caches.kept(caches.PLANS, "a", bytes) is None
+    caches.store(caches.PLANS, "a", b"sound")
+    assert caches.load(caches.PLANS, "a", bytes) is None
     assert main(["cache"]) == 0

@@ -12,14 +12,14 @@ import pytest
 
 from cosim.base import compilation, numba_insides
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernel_types import Indices, Matrix, Vector, nothing_of
+from cosim.base.kernel_types import Indices, Matrix, Vector, empty_of
 from cosim.base.kernels import (
     allocating,
     device_function,
-    for_these,
     kernel,
     small_matrix,
     unchecked,
+    unchecked_for,
     zero_vector,
 )
 from cosim.soft.elements.mass_terms import add_gravity
@@ -136,7 +136,7 @@ def test_a_signature_is_read_from_annotations() -> None:
     signature = weight_and_mass.fixed_signature  # type: ignore[attr-defined]
     assert signature.return_type == numba.typeof((1.0, 1.0, True))
     assert signature.args == (weights, numba.int64[::1])
-    assert [part.shape for part in nothing_of(Weights)[:2]] == [(0, 0), (0,)]
+    assert [part.shape for part in empty_of(Weights)[:2]] == [(0, 0), (0,)]
 
 
 def test_an_annotation_that_says_too_little_is_refused() -> None:
@@ -167,8 +167,8 @@ def test_a_call_without_a_look_at_types_does_the_same() -> None:
 
 def test_only_a_call_with_the_annotated_types_goes_without_a_look_at_them() -> None:
     x, mass, gravity = np.zeros((4, 3)), np.ones(4), np.ones(3)
-    assert for_these(add_gravity, x, mass, gravity, np.zeros((4, 3))) is unchecked(add_gravity)
+    assert unchecked_for(add_gravity, x, mass, gravity, np.zeros((4, 3))) is unchecked(add_gravity)
     for wrong in (np.zeros((4, 3), np.float32), np.zeros((3, 4)).T, np.zeros((4, 6))[:, ::2], np.zeros(12)):
-        assert for_these(add_gravity, x, mass, gravity, wrong) is add_gravity
+        assert unchecked_for(add_gravity, x, mass, gravity, wrong) is add_gravity
     plain = add_gravity.py_func
-    assert for_these(plain, x, mass, gravity, np.zeros((4, 3))) is plain
+    assert unchecked_for(plain, x, mass, gravity, np.zeros((4, 3))) is plain

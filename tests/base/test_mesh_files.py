@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.resources import object_mesh_path
-from cosim.base.solid import read_mesh, read_surface
+from cosim.base.triangle_mesh import read_mesh, read_surface
 from cosim.errors import MeshError
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])

@@ -14,16 +14,8 @@ from numpy.typing import NDArray
 from typing_extensions import TypeAliasType
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state import (
-    check_indices,
-    check_state,
-    check_states,
-    copied,
-    difference,
-    resolved,
-    restore_states,
-    states_of,
-)
+from cosim.base.state import copied, difference, restore_states, states_of
+from cosim.base.state_checks import check_indices, check_state, check_states, resolved
 from cosim.errors import InputError
 
 

@@ -156,7 +156,7 @@ def test_a_model_far_off_its_film_is_refused(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(section_models, "build_model", lambda *_: far)
     path = tmp_path / "three_units.toml"
     path.write_text(SCENARIO, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"by up to 6% of its length, more than 5%, .*; take fidelity"):
+    with pytest.raises(ScenarioError, match=r"by up to 6% of the length, more than 5%, .*; use fidelity"):
         section_models.section_model(load_scenario(path))
 
 

@@ -108,7 +108,7 @@ def test_a_key_is_told_with_unit_bounds_default_and_meaning() -> None:
     assert [phase[f"cell_speed_{unit}"]["x-unit"] for unit in ("m_s", "rad_s")] == ["m/s", "rad/s"]
     law = ROBOT["$defs"]["FilmTable"]["properties"]["law"]
     assert law["enum"] == ["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
-    assert law["description"].startswith('"plain"; "tension_field": a film that wrinkles')
+    assert law["description"].startswith('"plain": linear elastic; "tension_field": ')
     assert ROBOT["$defs"]["FilmTable"]["description"] == "Elastic sheet of the chamber walls."
 
 

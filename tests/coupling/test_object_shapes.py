@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.frames import Pose
 from cosim.base.resources import object_mesh_path
-from cosim.base.solid import TriangleMesh, read_mesh
+from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.soft_sides.lumped_arm import SoftArm

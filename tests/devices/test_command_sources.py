@@ -148,7 +148,7 @@ def test_a_cable_that_is_not_there_is_told(tmp_path: Path) -> None:
 
 
 def test_a_kind_that_is_not_registered_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(cosim.ScenarioError, match="kind 'sine' is not known; there are: none; make it known"):
+    with pytest.raises(cosim.ScenarioError, match="kind 'sine' is not known; there are: none; register it"):
         device_parts.scenario(tmp_path, '[[command]]\nkind = "sine"\n', HOLD)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from cosim.base.frames import Array, Pose
 from cosim.base.resources import object_mesh_path
-from cosim.base.solid import TriangleMesh, read_mesh
+from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.rigid.build.compiled_scene import CompiledScene
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, IntArray
-from cosim.base.state import check_state
+from cosim.base.state_checks import check_state
 from cosim.base.state_file import load, save
 from cosim.build.section_models import content_hash
 from cosim.coupling.soft_sides.lumped_arm import SoftArm

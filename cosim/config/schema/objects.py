@@ -23,7 +23,7 @@ from annotated_types import Interval, Len
 
 from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path, quoted_name
-from cosim.base.solid import read_mesh
+from cosim.base.triangle_mesh import read_mesh
 from cosim.config.toml.quantities import (
     Angle,
     Colour,

@@ -14,7 +14,8 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import unchecked
-from cosim.base.state import check_indices, copied
+from cosim.base.state import copied
+from cosim.base.state_checks import check_indices
 from cosim.coupling.contact import contact_arrays, contact_kernels
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactMemory, ContactReport
 from cosim.coupling.contact.near_search import NearFilm, NearSearch

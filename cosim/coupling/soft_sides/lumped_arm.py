@@ -12,7 +12,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.kernels import unchecked
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.coupling.payload import fill_mass
 from cosim.coupling.soft_sides import shape_reader, soft_side
 from cosim.errors import ConvergenceError, InputError

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, final
 
 import numpy as np
 
-from cosim.base import arm_file, solid
+from cosim.base import arm_file, triangle_mesh
 from cosim.base.frames import Array, Pose
 from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
@@ -47,7 +47,7 @@ class Geometry:
     rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
     friction: float = 0.8
     relative_density: float = 1.0
-    mesh: solid.TriangleMesh | None = None
+    mesh: triangle_mesh.TriangleMesh | None = None
     convex: bool = True
 
     @property
@@ -178,7 +178,7 @@ class SceneObject:
     mass_kg: float = 0.0
     rgba: tuple[float, float, float, float] = (0.75, 0.55, 0.35, 1.0)
     friction: float = 0.8
-    mesh: solid.TriangleMesh | None = None
+    mesh: triangle_mesh.TriangleMesh | None = None
     convex: bool = True
     parts: tuple[Geometry, ...] = ()
     joint: Joint | None = None

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
-from cosim.base.solid import TriangleMesh
+from cosim.base.triangle_mesh import TriangleMesh
 from cosim.rigid.build.description import VISUAL_GROUP, Geometry, Joint, SceneObject
 
 OBJECT_CONTACT = (2, 3)  # floor and objects meet everything

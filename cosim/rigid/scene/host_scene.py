@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, SixNumbers, Wrench, cross
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.errors import InputError, InstabilityError
 from cosim.rigid.build import engine, mjcf_files, object_bodies
 from cosim.rigid.distance.contact_query import ContactQuery

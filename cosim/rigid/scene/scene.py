@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Wrench
 from cosim.base.solid import BodyShape
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.errors import InputError
 from cosim.rigid.build import compiled_scene, engine
 from cosim.rigid.build.description import SceneDescription

@@ -13,7 +13,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import kernel
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact import obstacle_contact
 from cosim.soft.geometry.surface import directed_edges, triangle_area

@@ -33,7 +33,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
-from cosim.base.state import resolved
+from cosim.base.state_checks import resolved
 from cosim.errors import MeshError
 from cosim.soft.elements.gas import SealedGas
 

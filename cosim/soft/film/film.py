@@ -16,7 +16,7 @@ import numpy as np
 
 from cosim.base.compilation import compile_kernels
 from cosim.base.frames import Array, IntArray
-from cosim.base.kernels import for_these, unchecked
+from cosim.base.kernels import unchecked, unchecked_for
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -470,7 +470,7 @@ class FilmPotential:
                 )
         calls, x = [call for call in found if call is not None], writable(self.body.positions)
         compile_kernels(call.leaf for call in calls)
-        return [Call(for_these(leaf, x, *given), given) for leaf, given in calls]
+        return [Call(unchecked_for(leaf, x, *given), given) for leaf, given in calls]
 
     def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
         found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)

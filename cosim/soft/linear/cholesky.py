@@ -24,7 +24,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
-from cosim.base.state import KnownStates, check_state
+from cosim.base.state_checks import KnownStates, check_state
 from cosim.soft.linear import envelope_kernels, fronts, linear_solver
 from cosim.soft.linear.envelope_kernels import (
     SingleFactor,

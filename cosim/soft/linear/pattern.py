@@ -15,7 +15,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices
 from cosim.base.kernels import device_function, kernel
-from cosim.base.state import check_indices
+from cosim.base.state_checks import check_indices
 from cosim.errors import InputError
 
 SPARE: Final = 1.1  # blocks of a wider pattern that is kept, over those that are needed
