@@ -145,7 +145,7 @@ def picture(
         InputError: there is no recording, or no such view; the text names those there are.
         OutputError: there is no driver to draw with, or the recording cannot be read.
     """
-    from cosim.recording.viewer import Pictures  # here: few runs draw anything
+    from cosim.recording.pictures import Pictures  # here: few runs draw anything
 
     with Pictures(found_recordings(run), size, view) as pictures:
         return Picture(pictures.at(time_s))

@@ -11,9 +11,10 @@ from cosim.app.ended_run import found_recordings
 from cosim.cli.screen import Interruption, draw, tell
 from cosim.config.schema.settings import RecordingTable
 from cosim.errors import InputError
+from cosim.recording.pictures import SIZE, write_video
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.recording.viewer import SIZE, Shown, Viewer, check_display, start_viewer, write_video
+from cosim.recording.viewer import Shown, Viewer, check_display, start_viewer
 
 ON_A_PAGE: Final = (
     "--web shows it in a browser, also in one elsewhere: "

@@ -22,14 +22,14 @@ TIP_PATH: Final = "/world/soft/tip_path"
 @final
 @dataclass(frozen=True)
 class RunViews:
-    """What is shown of a run, or of one of several arms.
+    """The views of a run, or of one of several arms.
 
     Args:
-        plots: in the order in which they are shown.
-        scene: camera of the scene.
-        close: camera of the soft robot, in the frame that follows it.
+        plots: in the order of the viewer.
+        scene: viewpoint of the scene.
+        close: viewpoint of the soft robot, in the frame that moves with it.
         cameras: entities of each camera's pictures.
-        arm: name of the arm; empty where it is the only one.
+        arm: name of the arm; empty if it is the only one.
     """
 
     plots: Sequence[Plot]
@@ -40,11 +40,11 @@ class RunViews:
 
 
 def path_of_arm(arm: str, path: str) -> str:
-    """Return where an entity of one of several arms is: its own things have its name in front.
+    """Return the path of an entity in a recording of several arms: entities of one arm begin with its name.
 
     Args:
-        arm: its name; empty: it is the only one.
-        path: where it is for a single arm.
+        arm: name of the arm; empty if it is the only one.
+        path: of the entity in a recording of a single arm.
     """
     shared = path == "/world" or path.startswith(("/world/rigid/", PATH))
     if not arm or shared:
@@ -54,11 +54,11 @@ def path_of_arm(arm: str, path: str) -> str:
 
 
 def blueprint(arms: Sequence[RunViews], *, live: bool = False) -> rrb.Blueprint:
-    """Return the layout: the scene at the left; soft robot, stress scale, plots at the right, a tab an arm.
+    """Return the layout: the scene at the left; soft robot, stress scale and plots at the right, by arm.
 
     Args:
-        arms: what is shown of each.
-        live: whether time goes on with the run.
+        arms: views of each arm.
+        live: whether the viewer shows the run while it is simulated.
     """
     phases = [
         rrb.StateTimelineView(origin=path_of_arm(one.arm, "/phase"), name=_named("Phase", one))
@@ -145,7 +145,7 @@ def _tabs(one: RunViews) -> list[rrb.Vertical]:
 
 
 def _rows(views: Sequence[rrb.TimeSeriesView]) -> list[rrb.Horizontal]:
-    """Return rows of two, the first of one where the number is odd."""
+    """Return rows of two plots; the first row has one plot if their number is odd."""
     odd = len(views) % 2
     starts = [0] * odd + list(range(odd, len(views), 2))
     return [rrb.Horizontal(*views[k : k + 1 if k < odd else k + 2]) for k in starts]

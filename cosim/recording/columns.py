@@ -17,7 +17,7 @@ def column(archetype: Any, field: str, batch: Any, lengths: IntArray | None = No
         archetype: such as `rr.Mesh3D`.
         field: of the archetype, such as "vertex_positions".
         batch: the component's values in all rows, such as `rr.components.Position3DBatch(...)`.
-        lengths: values of each row; None: one.
+        lengths: number of values in each row; None for one.
     """
     name = f"{archetype.archetype_short_name()}:{field}"
     kind = rr.ComponentDescriptor(

@@ -1,4 +1,4 @@
-"""Cameras of the viewer, placed so that arm and soft robot fill their views at the start of any run."""
+"""Viewpoints of the viewer, from which arm and soft robot fill their views at the start of a run."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -13,7 +13,7 @@ _UP: Final = np.array([0.0, 0.0, 1.0])
 _HALF_VIEW: Final = np.radians(25.5)
 """A little less than half of the viewer's field of view."""
 _FLOOR_M: Final = 2.0
-"""Shapes that are larger represent the surroundings."""
+"""Larger shapes are surroundings, which need not fit into the view."""
 _SCENE_TURN: Final = np.radians(32.0)
 _SCENE_ELEVATION: Final = np.radians(14.0)
 _CLOSE_TURN: Final = np.radians(18.0)
@@ -22,7 +22,7 @@ _CLOSE_ELEVATION: Final = np.radians(8.0)
 
 @dataclass(frozen=True)
 class Eye:
-    """A camera: its position and the point it looks at (3,) each [m]."""
+    """A viewpoint: position and target, (3,) each [m]."""
 
     position: Array
     target: Array
@@ -41,17 +41,17 @@ class Eye:
 
 
 def soft_size(stage: RunInfo, first: Snapshot) -> float:
-    """Return the side of a square of the film's area [m]: a chamber grows no larger, however it is folded."""
+    """Return the square root of the film's area [m], which bounds the size of the soft robot at any shape."""
     return float(np.sqrt(triangle_area(first.node_position, stage.soft_triangles).sum()))
 
 
 def scene_eye(stage: RunInfo, first: Snapshot) -> Eye:
-    """Return a camera that holds the arm and the space that the soft robot will need.
+    """Return a viewpoint of the arm and of the space that the soft robot will need.
 
-    It stands to the right of the line from the arm's base to its flange, turned towards the front.
+    It is to the right of the line from the arm's base to its flange, turned towards the front.
 
     Args:
-        stage: what is run.
+        stage: constants of the run.
         first: the first snapshot.
     """
     points = _points_to_show(stage, first)
@@ -65,7 +65,7 @@ def scene_eye(stage: RunInfo, first: Snapshot) -> Eye:
 
 
 def _points_to_show(stage: RunInfo, first: Snapshot) -> Array:
-    """All nodes and rigid corners but those of the floor, and where the soft robot may swing: (n, 3) [m]."""
+    """Return points (n, 3) [m]: nodes, corners of bodies but the floor, reach of the soft robot."""
     reach = soft_size(stage, first)
     flange = first.world_from_flange
     swing = flange.translation + reach * np.array(
@@ -80,10 +80,10 @@ def _points_to_show(stage: RunInfo, first: Snapshot) -> Array:
 
 
 def close_eye(stage: RunInfo, first: Snapshot) -> Eye:
-    """Return a camera on the soft robot, in a frame that follows it without turning.
+    """Return a viewpoint of the soft robot, in a frame that moves with it without turning.
 
     Args:
-        stage: what is run.
+        stage: constants of the run.
         first: the first snapshot.
     """
     distance = 1.25 * soft_size(stage, first)
@@ -91,7 +91,7 @@ def close_eye(stage: RunInfo, first: Snapshot) -> Eye:
 
 
 def _direction(first: Snapshot, turn: float, elevation: float) -> Array:
-    """Unit vector from the target to the eye."""
+    """Return the unit vector from the target to the eye."""
     forward = first.world_from_flange.translation * (1.0, 1.0, 0.0)
     length = np.linalg.norm(forward)
     forward = forward / length if length > 1e-3 else np.array([1.0, 0.0, 0.0])

@@ -1,5 +1,5 @@
-"""Lines of many frames as one array, because converting them one by one would take longer than everything
-else; and the sharp edges of the drawn film, which show its shape when it has one colour.
+"""Writes lines to a recording, for many frames as one array, since converting single lines would take most of
+the time. Also finds the creases of the drawn film, which show its shape where it has one colour.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ Points: TypeAlias = NDArray[np.floating[Any]]
 
 
 def strip_array(points: Points, lengths: IntArray) -> Any:
-    """Return an Arrow list array of lines that lie one after the other in one array of points.
+    """Return an Arrow list array of lines from one array of their points, line after line.
 
     Args:
         points: (k, 3) [m].
@@ -32,7 +32,7 @@ def strip_array(points: Points, lengths: IntArray) -> Any:
 
 
 def style_lines(stream: rr.RecordingStream, path: str, radius_m: float, colour: Colour | None = None) -> None:
-    """Log once what all lines of an entity have in common.
+    """Write the static style of the lines of an entity.
 
     Args:
         stream: to write to.
@@ -91,14 +91,14 @@ def crease_lines(positions: Array, triangles: IntArray) -> list[IntArray]:
     for a, b in edges.tolist():
         neighbours.setdefault(a, []).append(b)
         neighbours.setdefault(b, []).append(a)
-    # Open lines first, from their ends; what is left then are closed ones.
+    # open lines first, from their ends; the remaining edges are closed lines
     starts = sorted(neighbours, key=lambda node: len(neighbours[node]) == 2)
     lines = (_walk(start, neighbours) for start in starts)
     return [np.array(line) for line in lines if len(line) > 1]
 
 
 def _walk(start: int, neighbours: dict[int, list[int]]) -> list[int]:
-    """Follow edges from a node as far as they go, and use them up."""
+    """Return the line of edges from a node to its end, and remove these edges."""
     line = [start]
     while neighbours[line[-1]]:
         here, there = line[-1], neighbours[line[-1]].pop()

@@ -1,4 +1,6 @@
-"""Weight and flange wrench as arrows with their sizes in text."""
+"""Draws the loads of the soft robot: its weight and the force on the flange as arrows, and the torque on the
+flange as an arc.
+"""
 
 from collections.abc import Sequence
 from typing import Final, final
@@ -16,7 +18,7 @@ from cosim.telemetry.snapshot import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 _WEIGHT_ARROW: Final = 0.33
-"""Length of the weight's arrow over the size of the soft robot; all forces share its scale."""
+"""Length of the weight's arrow over the size of the soft robot; all forces have the same scale."""
 _ARC_RADIUS: Final = 0.3
 """Radius of a torque's arc over the size of the soft robot."""
 _ARC_AT_REFERENCE: Final = np.radians(270.0)
@@ -34,14 +36,14 @@ _RADIUS_M: Final = 2.2e-3
 class LoadArrows:
     """Draws the soft robot's weight and the wrench that it exerts on the flange.
 
-    The force ends at the flange with its head, the torque turns about it. Arrows inside film or
-    wrist would not be seen, so all are moved towards the camera.
+    The head of the force's arrow is at the flange, and the arc of the torque is about it. All arrows are
+    moved towards the viewer, as film and wrist would hide them.
 
     Args:
         stream: to write to.
-        stage: what is run.
+        stage: constants of the run.
         size_m: of the soft robot [m].
-        eye: camera from which they are to be seen.
+        eye: viewpoint of the soft robot.
     """
 
     def __init__(self, stream: rr.RecordingStream, stage: RunInfo, size_m: float, eye: Eye) -> None:
@@ -78,7 +80,7 @@ class LoadArrows:
         self._send_arcs(flange, torque, times)
 
     def _log_styles(self) -> None:
-        """Log once what does not change: colours, radii and the weight's label."""
+        """Write the static entities: colours, radii and the label of the weight."""
         arrows = (
             ("weight", colours.WHITE),
             ("flange_force", colours.VERMILION),
@@ -93,15 +95,15 @@ class LoadArrows:
         style_lines(self._stream, "/world/loads/flange_torque", _RADIUS_M, colours.SKY)
 
     def _send_arrows(self, name: str, origins: Array, vectors: Array, times: Sequence[rr.TimeColumn]) -> None:
-        # Without length an arrow has no direction to be drawn in.
+        # an arrow of length 0 has no direction
         shown = np.linalg.norm(vectors, axis=1) > _SMALLEST_ARROW_M
         columns = _arrows(origins[shown], vectors[shown], shown.astype(np.int64))
         self._stream.send_columns(f"/world/loads/{name}", times, columns)
 
     def _send_labels(
-        self, name: str, places: Array, texts: list[str] | None, times: Sequence[rr.TimeColumn]
+        self, name: str, positions: Array, texts: list[str] | None, times: Sequence[rr.TimeColumn]
     ) -> None:
-        columns = [column(rr.Points3D, "positions", components.Position3DBatch(places))]
+        columns = [column(rr.Points3D, "positions", components.Position3DBatch(positions))]
         if texts is not None:
             columns.append(column(rr.Points3D, "labels", components.TextBatch(texts)))
         self._stream.send_columns(f"/world/loads/{name}/label", times, columns)
@@ -113,7 +115,7 @@ class LoadArrows:
         shown = angle > _SMALLEST_ARC
         rows = shown.astype(int)
         axis = torque[shown] / size[shown, None]
-        # The arc begins where it is farthest from the line of sight, so that it opens to the camera.
+        # The arc begins at its point farthest from the line of sight, so that it opens to the viewer.
         across = np.cross(axis, self._towards_eye)
         across[np.linalg.norm(across, axis=1) < 0.3] = (0.0, 0.0, 1.0)
         first = across - np.einsum("fa,fa->f", across, axis)[:, None] * axis
@@ -133,7 +135,7 @@ class LoadArrows:
 
 
 def _arrows(origins: Array, vectors: Array, rows: IntArray) -> list[rr.ComponentColumn]:
-    """Return the columns of arrows, so many in each row."""
+    """Return the columns of arrows; `rows` is the number of arrows in each row."""
     return [
         column(rr.Arrows3D, "origins", components.Position3DBatch(origins), rows),
         column(rr.Arrows3D, "vectors", components.Vector3DBatch(vectors), rows),

@@ -1,4 +1,4 @@
-"""Gathers the values of all plots tick by tick, and writes them as columns."""
+"""Buffers the values of all plots, one row per tick, and writes them as columns."""
 
 from collections.abc import Sequence
 from typing import final
@@ -15,11 +15,11 @@ from cosim.telemetry.tick_batch import TickBatch
 
 @final
 class PlotBuffer:
-    """Values of all plots, one row per tick.
+    """A buffer of the values of all plots, one row per tick.
 
     Args:
         stream: to write to.
-        plots: whose values are taken.
+        plots: plots of the recording.
         tick_ns: length of a tick [ns].
     """
 
@@ -32,13 +32,13 @@ class PlotBuffer:
         self._styled: set[str] = set()
 
     def append(self, batch: TickBatch) -> None:
-        """Take the values of some ticks."""
+        """Add the values of some ticks."""
         columns = [plot.values(batch).reshape(len(batch), len(plot.series)) for plot in self._plots]
         self._values.append(np.concatenate(columns, axis=1))
         self._ticks.append(batch.tick)
 
     def flush(self) -> None:
-        """Write what was gathered."""
+        """Write the buffer and empty it."""
         if not self._values:
             return
         values, ticks = np.concatenate(self._values), np.concatenate(self._ticks)
@@ -46,12 +46,12 @@ class PlotBuffer:
         start = 0
         for plot in self._plots:
             stop = start + len(plot.series)
-            own = values[:, start:stop]
-            kept = ~np.isnan(own).any(axis=1)
-            if kept.all():
-                self._send(plot, times, own)
-            elif kept.any():
-                self._send(plot, time_columns(ticks[kept], self._tick_ns), own[kept])
+            curves = values[:, start:stop]
+            numbers = ~np.isnan(curves).any(axis=1)
+            if numbers.all():
+                self._send(plot, times, curves)
+            elif numbers.any():
+                self._send(plot, time_columns(ticks[numbers], self._tick_ns), curves[numbers])
             start = stop
         self._values.clear()
         self._ticks.clear()

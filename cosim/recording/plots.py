@@ -1,4 +1,4 @@
-"""The curves of a recording: those of columns with a view, of devices, of sensors, of the energy balance."""
+"""The curves of a recording: columns that have a view, devices, sensors, and the energy balance."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ _SHOWN: Final[dict[str, tuple[str, float]]] = {
     "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
     "tip_height_m": ("Tip height [mm]", 1e3),
 }
-"""What controllers measure: title and scale."""
+"""Quantities that controllers measure: title and scale."""
 _PREFIXES: Final = {"m": (1e3, "mm"), "Pa": (1e-3, "kPa"), "rad": (math.degrees(1.0), "deg")}
 ERROR_BARS: Final = {
     "tip_m": ("tip_position", 1e3),
@@ -29,9 +29,9 @@ ERROR_BARS: Final = {
     "volume_m3": ("volume", 1e6),
     "cable_tension_N": ("tension", 1.0),
 }
-"""Plots that show how far their figure may be off, by its key in a summary, and their unit."""
+"""Plots with error bars and their scales, by the figure's key in a summary."""
 SMALLEST_LOGARITHM: Final = 1e-16
-"""Its logarithm is shown for an exact zero, which has none."""
+"""Shown instead of an exact zero on a logarithmic axis."""
 _OF_AN_ARM = frozenset({"power_error", "stability", "joint_error"})
 
 
@@ -43,12 +43,12 @@ class Plot:
         entity: path under `/plots`; one below another plot's path joins that plot.
         title: with the unit; empty if the curves join another plot.
         series: name of each curve.
-        values: the curves' values in a batch of k ticks, (k, series) or for one curve (k,), in the
-            title's unit; not a number: no point.
-        colours: of each curve; none: those of a series.
+        values: function of a batch of k ticks that returns the curves' values (k, series), or (k,) for one
+            curve, in the title's unit. NaN draws no point.
+        colours: of each curve; empty for the default colours of a series.
         legend: whether the plot names its curves.
-        peaks: whether crowded curves show their largest value rather than their range.
-        tab: the tab it is shown in.
+        peaks: whether the viewer shows the largest value of dense samples, not their range.
+        tab: tab of the viewer that shows the plot.
     """
 
     entity: str
@@ -62,7 +62,7 @@ class Plot:
 
 
 def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
-    """Return the plots of a scenario's devices; none where it has none."""
+    """Return the plots of a scenario's devices."""
     names = stage.devices
     if names is None:
         return []
@@ -70,7 +70,7 @@ def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
 
 
 def sensor_plots(stage: snapshot.RunInfo) -> list[Plot]:
-    """Return a plot for each sensor: readings and truth."""
+    """Return the plots of the sensors: readings and true values."""
     plots, begin = [], 0
     for sensor in stage.sensors:
         scale, unit = _PREFIXES.get(sensor.unit, (1.0, sensor.unit))
@@ -99,7 +99,7 @@ def _plot(
 
 
 def _reports(batch: tick_batch.TickBatch) -> list[ActuationReport]:
-    """Return what each tick of a scenario with devices says on them."""
+    """Return the report of the devices at each tick."""
     return [report for report in batch.devices if report is not None]
 
 
@@ -108,19 +108,19 @@ def _control_plots(names: DeviceNames) -> list[Plot]:
     plots: list[Plot] = []
     for quantity, (title, scale) in _SHOWN.items():
         if quantity in measured:
-            own = {name for name, measures in names.controllers if measures == quantity}
-            plots += _control_plot(quantity, title, scale, own)
+            controllers = {name for name, measures in names.controllers if measures == quantity}
+            plots += _control_plot(quantity, title, scale, controllers)
     return plots
 
 
-def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tuple[Plot, Plot]:
+def _control_plot(quantity: str, title: str, scale: float, controllers: set[str]) -> tuple[Plot, Plot]:
     def measured(batch: tick_batch.TickBatch) -> Array:
         if quantity == "tip_height_m":
             return scale * batch.tip_position[:, 2]
         return np.array([scale * report.bending_angle_rad for report in _reports(batch)])
 
     def setpoint(batch: tick_batch.TickBatch) -> Array:
-        return np.array([scale * _setpoint(report, own) for report in _reports(batch)])
+        return np.array([scale * _setpoint(report, controllers) for report in _reports(batch)])
 
     entity = f"control/{quantity}"
     return (
@@ -129,10 +129,10 @@ def _control_plot(quantity: str, title: str, scale: float, own: set[str]) -> tup
     )
 
 
-def _setpoint(devices: ActuationReport, own: set[str]) -> float:
-    """Return the setpoint of the first of some controllers that acts; not a number if none does."""
-    given = [c.setpoint for c in devices.controls if c.name in own and c.setpoint is not None]
-    return given[0] if given else math.nan
+def _setpoint(devices: ActuationReport, controllers: set[str]) -> float:
+    """Return the setpoint of the first of these controllers that is active; NaN if none is."""
+    setpoints = [c.setpoint for c in devices.controls if c.name in controllers and c.setpoint is not None]
+    return setpoints[0] if setpoints else math.nan
 
 
 def _cable_plots(stage: snapshot.RunInfo, names: DeviceNames) -> list[Plot]:
@@ -149,7 +149,7 @@ def _cable_plots(stage: snapshot.RunInfo, names: DeviceNames) -> list[Plot]:
 
 
 def _off_the_drum(devices: ActuationReport) -> Array:
-    """Return the unstretched length of each cable (cables,) [m]; of one under a given tension its route."""
+    """Return the unstretched length of each cable (cables,) [m]; its route if its tension is given."""
     return np.where(np.isnan(devices.unstretched_m), devices.cable_length_m, devices.unstretched_m)
 
 
@@ -177,8 +177,8 @@ def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
     """Return the plots of a run, in the order in which they are shown.
 
     Args:
-        stage: what is run.
-        joints: of the arm; 0 without one.
+        stage: constants of the run.
+        joints: number of joints of the arm; 0 without an arm.
     """
     tabs = {
         "Robot": _viewed("Robot", stage, joints),
@@ -197,7 +197,7 @@ def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
 
 
 def _viewed(tab: str, stage: snapshot.RunInfo, joints: int) -> list[Plot]:
-    """Return the plots of the columns that have their view in a tab."""
+    """Return the plots of the columns whose view is in a tab."""
     viewed = ((column, column.view) for column in columns_of(TickColumns).values() if column.view is not None)
     shown = sorted((pair for pair in viewed if pair[1].tab == tab), key=lambda pair: pair[1].place)
     return [_plot_of(column, view, stage, joints) for column, view in shown]

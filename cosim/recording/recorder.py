@@ -1,4 +1,6 @@
-"""What every recorder offers to a run."""
+"""The interface of recorders, which a run calls with its ticks, and a recorder that passes every call to
+several others.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -12,11 +14,12 @@ from cosim.telemetry import snapshot, tick_batch
 @final
 @dataclass(frozen=True)
 class RecordingPart:
-    """Which part of a run a recording holds; the parts of one run open as one recording.
+    """The part of a run that a recording contains; the parts of one run open as one recording.
 
     Args:
         run_id: of the run.
-        before: first snapshot of the run and the one that this part continues from; None in the first part.
+        before: first snapshot of the run and the snapshot that this part continues from; None in the first
+            part.
     """
 
     run_id: str
@@ -24,62 +27,62 @@ class RecordingPart:
 
 
 class Recorder(ABC):
-    """Receives the stage once, then the ticks of a run in order, then the outcome."""
+    """Records a run: first its constants, then its ticks in order, then its outcome."""
 
     @abstractmethod
     def open(self, stage: snapshot.RunInfo) -> None:
         """Begin a recording.
 
         Args:
-            stage: what does not change during the run.
+            stage: constants of the run.
         """
 
     def lay_out(self, first: snapshot.Snapshot) -> None:  # noqa: B027
-        """Prepare for a first snapshot that is known before it is recorded; not needed.
+        """Prepare for the first snapshot before it is recorded; optional.
 
         Args:
-            first: which will be recorded first.
+            first: the snapshot that will be recorded first.
         """
 
     @abstractmethod
     def record(self, batch: tick_batch.TickBatch) -> None:
-        """Take in some ticks of one phase; they must rise.
+        """Record some ticks of one phase, in rising order.
 
         Args:
-            batch: the ticks. Recorders may keep them: the arrays must not be reused.
+            batch: the ticks. A recorder may keep its arrays, so they must not be reused.
         """
 
     def of_arms(self, names: Sequence[str]) -> "Mapping[str, Recorder]":
-        """Return a recorder for each of several arms in a scene, by its name, all of this recording."""
-        raise NotImplementedError("it knows one arm")
+        """Return a recorder for each arm of a scene, by its name; all write to this recording."""
+        raise NotImplementedError("it records one arm only")
 
     def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:  # noqa: B027
-        """Show how far figures may be off at the ends of phases; not needed.
+        """Show error bars of figures at the ends of phases; optional.
 
         Args:
-            phases: by their index, each figure's bar, or None.
+            phases: error bars by the figure's key in a summary, or None, by the index of the phase.
         """
 
     @abstractmethod
     def flush(self) -> None:
-        """Bring what was recorded so far to the disk."""
+        """Write the ticks so far to the disk."""
 
     @abstractmethod
     def close(self, summary_markdown: str, status: str) -> None:
         """Finish the recording so that it can be read, however the run ended.
 
         Args:
-            summary_markdown: what a person should know of the run.
+            summary_markdown: summary of the run, for people.
             status: how it ended, such as "completed", "interrupted" or "failed".
         """
 
 
 @final
 class Recorders(Recorder):
-    """Several recorders as one; whatever one of them raises in closing, the others are closed.
+    """Passes every call to several recorders; if one of them raises while closing, the others are closed too.
 
     Args:
-        recorders: any number; none records nothing.
+        recorders: any number, or none.
     """
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:
@@ -91,17 +94,17 @@ class Recorders(Recorder):
             recorder.open(stage)
 
     def lay_out(self, first: snapshot.Snapshot) -> None:
-        """Prepare all."""
+        """Lay out all."""
         for recorder in self._recorders:
             recorder.lay_out(first)
 
     def record(self, batch: tick_batch.TickBatch) -> None:
-        """Let all record."""
+        """Record with all."""
         for recorder in self._recorders:
             recorder.record(batch)
 
     def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:
-        """Let all show them."""
+        """Show error bars in all."""
         for recorder in self._recorders:
             recorder.mark_errors(phases)
 
@@ -112,6 +115,6 @@ class Recorders(Recorder):
 
     def close(self, summary_markdown: str, status: str) -> None:
         """Close all."""
-        with ExitStack() as stack:  # the first one is closed last: its error is told
+        with ExitStack() as stack:  # the first one is closed last, so its error is raised
             for recorder in self._recorders:
                 stack.callback(recorder.close, summary_markdown, status)

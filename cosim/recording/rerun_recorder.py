@@ -1,6 +1,5 @@
-"""Writes a run as a Rerun recording.
-
-One recording of several arms: each writes as if it were alone, below its own name.
+"""Writes a run as a Rerun recording (.rrd): curves at every tick, and the scene at a limited frame rate.
+Several arms of one scene write to one recording, each below its own name.
 """
 
 import os
@@ -8,7 +7,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 from typing import Any, Final, cast, final
@@ -18,7 +16,9 @@ import rerun as rr
 
 from cosim.base.frames import IntArray
 from cosim.errors import InputError, OutputError
-from cosim.recording.blueprint import TICKS, TIMELINE, RunViews, blueprint, path_of_arm
+from cosim.recording.arm_streams import ArmStream, SceneStream
+from cosim.recording.blueprint import RunViews, blueprint
+from cosim.recording.camera_views import CameraViews, camera_paths
 from cosim.recording.colours import series_colours
 from cosim.recording.columns import time_columns
 from cosim.recording.eyes import close_eye, scene_eye
@@ -28,170 +28,42 @@ from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.recording.rigid_meshes import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
-from cosim.telemetry import cameras, tick_batch
-from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
+from cosim.telemetry import tick_batch
+from cosim.telemetry.snapshot import RunInfo, Snapshot
 
-_JPEG: Final = 90
-_DRAWN_AT_M: Final = 0.15
-"""Distance from a camera at which its picture is drawn: there ends what is drawn of its field of view."""
-_RIGID = "/world/rigid/"
 APPLICATION_ID: Final = "cosim"
 FRAMES_PER_S: Final = 60.0
 _SECOND_NS: Final = 1_000_000_000
 _GATHERED_S: Final = 1.0
-"""Wall time after which what was gathered is written: each time takes some ms, and 50 kB of the file."""
+"""Wall time after which the buffer is written; each write takes some ms, and 50 kB of the file."""
 _SHOWN_S: Final = 0.25
-"""The same with a viewer that follows the run."""
-_GATHERED_SHARE: Final = 0.01
-"""Share of the wall time so far, before which nothing is written: long runs must not end in splinters."""
+"""The same with a viewer that shows the run while it is simulated."""
+_GATHERED_FRACTION: Final = 0.01
+"""Least time between writes as a fraction of the wall time so far, so that long runs have few chunks."""
 _NODES_GATHERED: Final = 500_000
-"""Nodes in all frames gathered, from which on they are written before: a bound of the memory, some 50 MB."""
+"""Nodes in all buffered frames, at which they are written earlier: some 50 MB of memory."""
 _TICKS_GATHERED: Final = 50_000
-"""The same of ticks, some 15 MB of curves."""
+"""Buffered ticks, at which they are written earlier: some 15 MB of curves."""
 _ENDED_S: Final = 20.0
-"""Wall time that ending a file may take, far more than it does."""
-_END: Final = b"RRF2FOOT"  # within the last 64 bytes of a whole file
+"""Wall time that closing a file may take, far more than it usually takes."""
+_END: Final = b"RRF2FOOT"  # within the last 64 bytes of a complete file
 _PHASE: Final = "/phase"
 _SUMMARY: Final = "/summary"
-
-
-def camera_paths(name: str) -> tuple[str, str, str]:
-    """Return the entities of a camera's colours, depths and segments; the first is below its place."""
-    part = rr.escape_entity_path_part(name)
-    return f"/world/cameras/{part}/rgb", f"/cameras/{part}/depth", f"/cameras/{part}/segments"
-
-
-@final
-class CameraViews:
-    """Writes the pictures of cameras.
-
-    Args:
-        stream: to write to.
-        stage: what is run.
-        tick_ns: length of a tick [ns].
-    """
-
-    def __init__(self, stream: rr.RecordingStream, stage: RunInfo, tick_ns: int) -> None:
-        self._stream, self._tick_ns = stream, tick_ns
-        names = list(cameras.segment_names(stage.body_names).items())
-        for camera in stage.cameras:
-            rgb, _, segments = camera_paths(camera.name)
-            width, height = camera.size
-            pinhole = rr.Pinhole(
-                focal_length=camera.focal_length, width=width, height=height,
-                camera_xyz=rr.ViewCoordinates.RUB, image_plane_distance=_DRAWN_AT_M,
-            )  # fmt: skip
-            stream.log(rgb.removesuffix("/rgb"), pinhole, static=True)
-            stream.log(segments, rr.AnnotationContext(names), static=True)
-
-    def send(self, tick: int, image: CameraImage) -> None:
-        """Write a picture that was taken after a tick."""
-        stream, (rgb, depth, segments) = self._stream, camera_paths(image.camera)
-        stream.set_time(TIMELINE, duration=np.timedelta64(tick * self._tick_ns, "ns"))
-        stream.set_time(TICKS, sequence=tick)
-        placed = rr.Transform3D(translation=image.position, mat3x3=image.rotation)
-        stream.log(rgb.removesuffix("/rgb"), placed)
-        stream.log(rgb, rr.Image(image.rgb).compress(jpeg_quality=_JPEG))
-        stream.log(depth, rr.DepthImage(np.where(np.isfinite(image.depth_m), image.depth_m, 0.0), meter=1.0))
-        stream.log(segments, rr.SegmentationImage(image.segments.astype(np.uint16)))
-        stream.reset_time()
-
-
-@final
-class ArmsStream:
-    """The stream of all arms.
-
-    Args:
-        stream: to write to.
-        arms: their names; the first one writes what all share: bodies, name and properties of the recording.
-        live: whether a viewer follows.
-    """
-
-    def __init__(self, stream: rr.RecordingStream, arms: Sequence[str], *, live: bool) -> None:
-        self.stream, self._live = stream, live
-        self._views: dict[str, RunViews | None] = dict.fromkeys(arms)
-        self._open = set(arms)
-
-    def of(self, arm: str) -> "ArmStream":
-        """Return the stream of one arm."""
-        return ArmStream(self, arm, shared=arm == next(iter(self._views)))
-
-    def show(self, views: RunViews) -> None:
-        """Lay the recording out, once the views of all arms are known."""
-        self._views[views.arm] = views
-        known = [each for each in self._views.values() if each is not None]
-        if len(known) == len(self._views):
-            self.stream.send_blueprint(blueprint(known, live=self._live))
-
-    def leave(self, arm: str) -> bool:
-        """Let an arm write no more; return whether it was the last one."""
-        self._open.discard(arm)
-        return not self._open
-
-
-@final
-class ArmStream:
-    """What one arm writes to, in place of a `rr.RecordingStream`.
-
-    Args:
-        group: of all arms.
-        arm: its name.
-        shared: whether it writes what all share.
-    """
-
-    def __init__(self, group: ArmsStream, arm: str, *, shared: bool) -> None:
-        self._group, self._arm, self._shared = group, arm, shared
-
-    def log(self, path: str, entity: Any, **options: Any) -> None:
-        """Log an entity of the arm."""
-        if self._shared or not path.startswith(_RIGID):
-            self._group.stream.log(path_of_arm(self._arm, path), entity, **options)
-
-    def send_columns(self, path: str, *columns: Any) -> None:
-        """Write columns of an entity of the arm."""
-        if self._shared or not path.startswith(_RIGID):
-            self._group.stream.send_columns(path_of_arm(self._arm, path), *columns)
-
-    def send_recording_name(self, name: str) -> None:
-        """Name the recording."""
-        if self._shared:
-            self._group.stream.send_recording_name(name.removesuffix(f": {self._arm}"))
-
-    def send_property(self, name: str, values: Any) -> None:
-        """Write a property of the recording."""
-        if self._shared:
-            self._group.stream.send_property(name, values)
-
-    def show(self, views: RunViews) -> None:
-        """Lay out the views of the arm."""
-        self._group.show(replace(views, arm=self._arm))
-
-    def leave(self) -> bool:
-        """Write no more; return whether no arm does."""
-        return self._group.leave(self._arm)
-
-    def flush(self) -> None:
-        """Bring all to the file."""
-        self._group.stream.flush()
-
-    def disconnect(self) -> None:
-        """End the file."""
-        self._group.stream.disconnect()
 
 
 @final
 class RerunRecorder(Recorder):
     """Writes one file: curves at every tick, the scene at a limited frame rate.
 
-    What was gathered in memory is written once a second (of wall time), later on after a hundredth of the
-    time so far, and before it gets large: a process that is killed loses little more.
+    Ticks are buffered in memory. The buffer is written once per second of wall time, in long runs after a
+    hundredth of the time so far, and earlier if it gets large. A process that is killed loses little more.
 
     Args:
         path: of the file; missing folders are made, an old file is replaced.
         frames_per_s: frames of the scene per simulated second.
-        part: of the run, so that its recordings open as one; None for a recording that stands alone.
-        viewer: address of a viewer that is shown the run at once; None for the file alone. A viewer that is
-            closed meanwhile ends nothing.
+        part: of the run, so that the recordings of its parts open as one; None for a single recording.
+        viewer: address of a viewer that shows the run while it is simulated; None without one. The run goes
+            on if the viewer is closed.
 
     Raises:
         InputError: the frame rate is impossible.
@@ -219,7 +91,7 @@ class RerunRecorder(Recorder):
         part = self._part
         self._run = _Run(self._shared or self._stream(), stage, self._frame_ns, self._viewer)
         if part is not None and part.before is not None:
-            self._run.go_on(*part.before)
+            self._run.resume(*part.before)
 
     def _stream(self) -> rr.RecordingStream:
         self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -232,7 +104,7 @@ class RerunRecorder(Recorder):
 
     def of_arms(self, names: Sequence[str]) -> Mapping[str, Recorder]:
         """Make the file, and return the recorder of each arm; see `Recorder.of_arms`."""
-        group, found = ArmsStream(self._stream(), names, live=self._viewer is not None), {}
+        group, found = SceneStream(self._stream(), names, live=self._viewer is not None), {}
         for name in names:
             found[name] = one = copy(self)
             one._shared = group.of(name)
@@ -244,7 +116,7 @@ class RerunRecorder(Recorder):
             self._run.lay_out(first)
 
     def record(self, batch: tick_batch.TickBatch) -> None:
-        """Take in some ticks; see `Recorder.record`.
+        """Record some ticks; see `Recorder.record`.
 
         Raises:
             RuntimeError: the recorder is not open.
@@ -255,19 +127,19 @@ class RerunRecorder(Recorder):
             self._run.record(batch)
 
     def mark_errors(self, phases: Mapping[int, dict[str, Any]]) -> None:
-        """Show them beside their figures; does nothing if it is not open. See `Recorder.mark_errors`."""
+        """Add error bars to the plots, if it is open; see `Recorder.mark_errors`."""
         if self._run is not None:
             with _named(self._path):
                 self._run.mark_errors(phases)
 
     def flush(self) -> None:
-        """Write what was gathered so far; does nothing if it is not open. See `Recorder.flush`."""
+        """Write the buffer, if it is open; see `Recorder.flush`."""
         if self._run is not None:
             with _named(self._path):
                 self._run.flush()
 
     def close(self, summary_markdown: str, status: str) -> None:
-        """Write what is left and end the file; does nothing if it is not open. See `Recorder.close`."""
+        """Write the rest and close the file, if it is open; see `Recorder.close`."""
         if self._run is not None:
             run, self._run = self._run, None
             with _named(self._path):
@@ -287,12 +159,12 @@ def _has_end(path: Path) -> bool:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Turn Rerun's word for a file that cannot be written into an error that names it."""
+    """Convert Rerun's error for a file that cannot be written to an `OutputError` that names the file."""
     try:
         yield
     except RuntimeError as error:
         raise OutputError(
-            f"{path}: cannot be written, for want of room or of its directory: {error}"
+            f"{path}: cannot be written; the disk may be full, or its folder is missing: {error}"
         ) from error
 
 
@@ -345,7 +217,7 @@ class _Run:
             self.flush()
 
     def _draw(self, rows: IntArray) -> None:
-        """Keep rows of the last ticks as frames."""
+        """Add rows of the last batch to the buffered frames."""
         assert self._last is not None, "record() comes before"
         if len(rows):
             self._frames.append(self._last.some(rows))
@@ -366,22 +238,22 @@ class _Run:
         text = f"{summary_markdown}\n\n{self._stage.report}"
         self._log_summary(text)
         self._stream.send_property("outcome", rr.AnyValues(status=status))
-        self.flush()  # says what cannot be written, as ending the file does not
+        self.flush()  # raises if the file cannot be written; closing the stream does not raise
 
     def end(self, path: Path) -> None:
-        """End the stream and its file.
+        """Close the stream and its file.
 
-        Rerun writes an index as the file's end, and neither raises nor always returns where it cannot: it is
-        waited for in another thread, for a while, and the end is looked at.
+        Rerun writes an index at the end of the file. If it cannot, it does not raise, and may not return. So
+        it runs in another thread with a time limit, and then the end of the file is checked.
 
         Raises:
-            RuntimeError: the file has no end.
+            RuntimeError: the index is missing.
         """
         ending = Thread(target=self._stream.disconnect, daemon=True)
         ending.start()
         ending.join(_ENDED_S)
         if ending.is_alive():
-            rr.unregister_shutdown()  # which would wait for it at the end of the process
+            rr.unregister_shutdown()  # it would wait at the end of the process
         if ending.is_alive() or not _has_end(path):
             raise RuntimeError("its end is missing")
 
@@ -405,7 +277,7 @@ class _Run:
         self._stream.log(_SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
     def lay_out(self, first: Snapshot) -> PlotBuffer:
-        """Lay out the views and draw what stands still, unless that is done: both need the first shape."""
+        """Write the layout and the static entities, which depend on the first shape; only the first time."""
         if self._curves is not None:
             return self._curves
         stage = self._stage
@@ -421,12 +293,12 @@ class _Run:
         self._curves = PlotBuffer(self._stream, plots, self._tick_ns)
         return self._curves
 
-    def go_on(self, first: Snapshot, last: Snapshot) -> None:
-        """Lay out the views as for the first snapshot of the run, and continue from the last one recorded."""
+    def resume(self, first: Snapshot, last: Snapshot) -> None:
+        """Write the layout for the first snapshot of the run, and continue from the last recorded one."""
         self.lay_out(first)
         assert self._scene is not None, "lay_out() has just made it"
         self._written_tick = last.tick
-        self._scene.go_on(last)
+        self._scene.resume(last)
         self._frame = int(last.tick * self._tick_ns / self._frame_ns)
 
     def _begin_phase(self, batch: tick_batch.TickBatch) -> None:
@@ -445,13 +317,13 @@ class _Run:
         self._flush_stream()
         self._written_tick = 0 if self._last is None else int(self._last.tick[-1])
         now = time.perf_counter()
-        self._due = now + max(self._gathered_s, _GATHERED_SHARE * (now - self._opened))
+        self._due = now + max(self._gathered_s, _GATHERED_FRACTION * (now - self._opened))
 
     def _flush_stream(self) -> None:
-        """Bring to the file, and to the viewer, what the stream holds."""
+        """Write the buffer of the stream to the file and to the viewer."""
         try:
             self._stream.flush()
         except RuntimeError as error:
-            # the file comes first and is written then; the viewer has been closed, which is its user's right
+            # the user has closed the viewer; the file was written before
             if self._viewer is None or self._viewer not in str(error):
                 raise

@@ -33,8 +33,8 @@ def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:
     """Return a mesh with normals, smooth over curved faces and sharp at edges.
 
     Args:
-        shape: what is drawn.
-        body: its body's name; the floor is darkened, so that it stays behind what stands on it.
+        shape: of a body.
+        body: name of the body; the floor is darker than the objects on it.
     """
     corners = shape.vertices[shape.triangles].reshape(-1, 3)
     shade = (*colours.FLOOR_SHADE, 1.0) if body == FLOOR_NAME else (1.0, 1.0, 1.0, 1.0)
@@ -49,8 +49,8 @@ def rigid_mesh(shape: BodyShape, body: str) -> rr.Mesh3D:
 def corner_normals(vertices: Array, triangles: IntArray) -> Array:
     """Return a normal for each corner of each triangle.
 
-    The area-weighted mean over those triangles at the corner's vertex that turn less than 35 degrees
-    away from the corner's own.
+    It is the area-weighted mean over the triangles at the corner's vertex whose normals differ less than 35
+    degrees from that of the corner's triangle.
 
     Args:
         vertices: (n, 3) [m].
@@ -71,10 +71,10 @@ def corner_normals(vertices: Array, triangles: IntArray) -> Array:
 
 
 def _corners_that_meet(vertex: IntArray) -> tuple[IntArray, IntArray]:
-    """Return all pairs of corners at one vertex, each with itself too: two arrays of corners."""
+    """Return all pairs of corners at one vertex, including pairs of a corner with itself: two arrays."""
     order = np.argsort(vertex, kind="stable")
     count = np.bincount(vertex)
     first = np.cumsum(count) - count  # of each vertex in `order`
     many = count[vertex[order]]
-    place = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many - first[vertex[order]], many)
-    return np.repeat(order, many), order[place]
+    index = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many - first[vertex[order]], many)
+    return np.repeat(order, many), order[index]

@@ -1,4 +1,4 @@
-"""The three-dimensional part of a recording: poses of bodies, film, seams, cables, loads and tip."""
+"""Writes the scene of a recording: poses of bodies, film, seams, cables, loads and tip."""
 
 from collections.abc import Sequence
 from typing import Final, TypeAlias, final
@@ -13,6 +13,7 @@ from cosim.recording import colours
 from cosim.recording.blueprint import FOLLOW
 from cosim.recording.columns import column
 from cosim.recording.eyes import close_eye, soft_size
+from cosim.recording.film_colours import MembraneColours
 from cosim.recording.lines import crease_lines, send_lines, style_lines
 from cosim.recording.load_arrows import LoadArrows
 from cosim.recording.rigid_meshes import body_path
@@ -26,21 +27,21 @@ _SEAM: Final = (12, 14, 20)
 _SEAM_RADIUS_M: Final = 5e-4
 _CABLE_RADIUS_M: Final = 1.2e-3
 _FOLLOWED: Final = 0.38
-"""Where the close camera looks, from flange (0) to tip (1)."""
+"""Target of the close camera, from flange (0) to tip (1)."""
 _AT_ONCE: Final = 64
-"""Frames that are coloured together: few enough to stay in the processor's cache."""
+"""Frames that are coloured together, few enough for the processor's cache."""
 _HALF_TAUT_N: Final = 1.0
 """Tension at which a cable's colour is halfway between slack and taut."""
 
 
 @final
 class Scene:
-    """Logs where the bodies are, and everything that is drawn of the soft robot.
+    """Writes the poses of the bodies, and all entities of the soft robot.
 
     Args:
         stream: to write to.
-        stage: what is run.
-        first: the first snapshot; its shape shows where the film is welded.
+        stage: constants of the run.
+        first: the first snapshot; the seams are the creases of its shape.
     """
 
     def __init__(self, stream: rr.RecordingStream, stage: RunInfo, first: Snapshot) -> None:
@@ -50,9 +51,9 @@ class Scene:
         given = stage.soft_triangles, stage.cables, stage.membrane_stress
         self._film = stage.drawn or DrawnFilm(np.arange(len(positions)), *given)
         nodes = len(self._film.nodes)
-        self._share = np.full(nodes, 1.0 / nodes)
-        # a copy: kernels take no array that is read-only
-        self._colours = colours.MembraneColours(self._film.triangles.copy(), nodes)
+        self._mean = np.full(nodes, 1.0 / nodes)
+        # a copy, since kernels accept no read-only arrays
+        self._colours = MembraneColours(self._film.triangles.copy(), nodes)
         self._seams = crease_lines(positions[self._film.nodes], self._film.triangles)
         self._paths = [body_path(name) for name in stage.body_names]
         self._drawn = sorted({shape.body for shape in stage.shapes})
@@ -61,8 +62,8 @@ class Scene:
         self._tip = TipMarks(stream, first.tip_position)
         self._log_static()
 
-    def go_on(self, last: Snapshot) -> None:
-        """Let the path of the tip continue from where it was."""
+    def resume(self, last: Snapshot) -> None:
+        """Continue the path of the tip from a snapshot."""
         self._tip = TipMarks(self._stream, last.tip_position)
 
     def send(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> None:
@@ -86,7 +87,7 @@ class Scene:
             style_lines(self._stream, "/world/soft/seams", _SEAM_RADIUS_M, _SEAM)
         if self._film.cables:
             style_lines(self._stream, "/world/soft/cables", _CABLE_RADIUS_M)
-        # Vertex data would shadow the frames if it were static: indices alone.
+        # Static vertices would hide the frames, so only the indices are static.
         indices = self._film.triangles.astype(np.uint32)
         log("/world/soft/film", rr.Mesh3D.from_fields(triangle_indices=indices), static=True)
 
@@ -103,7 +104,7 @@ class Scene:
 
     def _send_film(self, frames: TickBatch, times: Sequence[rr.TimeColumn]) -> tuple[Single, Array]:
         """Write the film; return its nodes (frames, n, 3) and their mean (frames, 3)."""
-        count, nodes = len(frames), len(self._share)
+        count, nodes = len(frames), len(self._mean)
         positions, centre = np.empty((count, nodes, 3), dtype=np.float32), np.empty((count, 3))
         packed = np.empty((count, nodes), dtype=np.uint32)
         for begin in range(0, count, _AT_ONCE):
@@ -111,7 +112,7 @@ class Scene:
             x = frames.film.node_position(some)
             if self._stage.drawn is not None:
                 x = x[:, self._film.nodes]
-            positions[some], centre[some] = x, self._share @ x
+            positions[some], centre[some] = x, self._mean @ x
             packed[some] = self._colours.packed(x, np.array([self._film.stress(one) for one in x]))
         each = np.full(count, nodes)
         columns = [

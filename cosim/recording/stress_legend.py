@@ -5,7 +5,8 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from cosim.recording.colours import STRESS_RANGE_PA, WHITE, stress_scale
+from cosim.recording.colours import WHITE
+from cosim.recording.film_colours import STRESS_RANGE_PA, stress_scale
 
 PATH: Final = "/stress_scale"
 _WIDTH: Final = 512

@@ -1,4 +1,4 @@
-"""The tip's path and its target."""
+"""Draws the path of the tip, and the target of the tip as a cross."""
 
 from collections.abc import Sequence
 from typing import Final, final
@@ -46,7 +46,7 @@ class TipMarks:
         send_lines(self._stream, TIP_PATH, times, steps.reshape(-1, 3), 2 * ones, ones)
         given = frames.has_tip_target
         target, tip = frames.tip_target[given], frames.tip_position[given]
-        # where a component is free (not a number), the tip's own
+        # a free component of the target is NaN; it is drawn at the tip
         self._send_targets(np.where(np.isnan(target), tip, target), given.astype(np.int64), times)
 
     def _send_targets(self, targets: Array, rows: IntArray, times: Sequence[rr.TimeColumn]) -> None:

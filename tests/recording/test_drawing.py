@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array
-from cosim.recording.colours import stress_scale
 from cosim.recording.eyes import close_eye, scene_eye, soft_size
+from cosim.recording.film_colours import stress_scale
 from cosim.recording.lines import crease_lines
 from cosim.recording.rigid_meshes import corner_normals
 from cosim.soft.geometry.polygonal_stack import PolygonalStack

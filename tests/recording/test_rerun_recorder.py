@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 import cosim
-from cosim.recording.colours import STRESS_RANGE_PA
+from cosim.recording.film_colours import STRESS_RANGE_PA
 from cosim.telemetry.snapshot import DrawnFilm, RunInfo, Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")

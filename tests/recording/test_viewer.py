@@ -19,9 +19,10 @@ from cosim.cli import viewing
 from cosim.cli.main import main
 from cosim.config.schema.settings import RecordingTable
 from cosim.errors import InputError, OutputError
-from cosim.recording import viewer as rerun_viewer
+from cosim.recording import pictures
+from cosim.recording.pictures import Pictures, write_video
 from cosim.recording.rerun_recorder import RerunRecorder
-from cosim.recording.viewer import Pictures, Viewer, check_display, start_viewer, write_video
+from cosim.recording.viewer import Viewer, check_display, start_viewer
 from cosim.telemetry.snapshot import RunInfo, Snapshot
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -263,9 +264,9 @@ def test_a_recording_without_frames_is_refused(monkeypatch: pytest.MonkeyPatch) 
     ended: list[str] = []
     shows_nothing = SimpleNamespace(address="", check=lambda: None, stop=lambda: ended.append("viewer"))
     answers = SimpleNamespace(get_state=lambda: None)
-    monkeypatch.setattr(rerun_viewer, "start_viewer", lambda *_, **__: shows_nothing)
+    monkeypatch.setattr(pictures, "start_viewer", lambda *_, **__: shows_nothing)
     monkeypatch.setattr(ViewerClient, "connect", lambda _: answers)
-    monkeypatch.setattr(rerun_viewer, "_WAIT_S", 0.0)
+    monkeypatch.setattr(pictures, "_WAIT_S", 0.0)
     with (
         pytest.raises(OutputError, match=r"^empty\.rrd: holds no frame of a run$"),
         Pictures([Path("empty.rrd")]),
