@@ -1,4 +1,4 @@
-"""The words of the command line: commands, their options and help texts."""
+"""The parser of the command line: commands, their options and help texts."""
 
 import argparse
 from pathlib import Path
@@ -60,7 +60,7 @@ def _add_warm_up(commands: Any) -> None:
 
 
 def _add_list(command: Any, option: str, into: str, metavar: str, meaning: str, **how: Any) -> None:
-    """Add an option that takes, or is, several; none unless given."""
+    """Add an option with a list of values, or one that can be repeated; the default is an empty list."""
     command.add_argument(option, dest=into, metavar=metavar, default=[], help=meaning, **how)
 
 

@@ -1,25 +1,22 @@
-"""Turns Python's garbage collection off until a run has started, because the objects that are made until then
-stay.
+"""Disables Python's garbage collection until a run has started, since the objects of the start are not
+garbage.
 """
 
 import gc
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, final
-
-if TYPE_CHECKING:
-    pass
+from typing import Any, Self, final
 
 
 @final
 class LateCollection:
-    """Puts the collection of garbage off, from where it is entered to the first ticks that it is shown.
+    """A context manager that disables garbage collection until the first ticks that it observes.
 
-    Modules, kernels and engines are hundreds of thousands of objects, which Python would look through again
-    and again while they are being loaded: that takes a tenth of a start.
+    Modules, kernels and engines are hundreds of thousands of objects. Collections during their import take a
+    tenth of the time of a start.
     """
 
     def __enter__(self) -> Self:
-        self._found = gc.isenabled()
+        self._was_enabled = gc.isenabled()
         gc.disable()
         return self
 
@@ -29,15 +26,15 @@ class LateCollection:
         self._begin()
 
     def open(self, stage: Any) -> None:
-        """Wait for the first ticks."""
+        """Do nothing."""
 
     def observe(self, batch: Any) -> None:
-        """Collect from here on, if that was so before."""
+        """Enable collection at the first ticks, if it was enabled before."""
         self._begin()
 
     def close(self) -> None:
         """Do nothing: the command ends."""
 
     def _begin(self) -> None:
-        if self._found:
+        if self._was_enabled:
             gc.enable()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 from cosim.cli.arguments import parser
 from cosim.cli.late_collection import LateCollection
 from cosim.cli.screen import mute, open_missing_streams, printable, tell
-from cosim.cli.sweep_line import SweepLine, _counts
+from cosim.cli.sweep_line import SweepLine, counts_text
 from cosim.errors import InputError, OutputError, SolverError
 
 if TYPE_CHECKING:
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 EXIT_DONE, EXIT_UNSOLVED, EXIT_INPUT, EXIT_UNWRITTEN, EXIT_INTERRUPTED, EXIT_UNREAD = 0, 1, 2, 3, 130, 141
 PLOT: Final = "sweep.png"
 _REASONS: Final = 3
-"""How many faults of a sweep are printed; the table has all."""
+"""Number of different errors of a sweep that are printed; the table has all."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     started = time.perf_counter()
-    # before numpy is imported: threads only slow the small dense algebra of a run down
+    # before numpy is imported: threads only slow down the small dense algebra of a run
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # the same for Rerun, which would print what is told in a line of ours, such as of a full disk
+    # Rerun would print errors that cosim prints itself, such as of a full disk
     os.environ.setdefault("RUST_LOG", "off")
     open_missing_streams()
     options = parser().parse_args(arguments)
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SolverError as error:
         tell(f"cosim: not solved: {error}")
         return EXIT_UNSOLVED
-    except BrokenPipeError:  # whoever read standard output has seen enough
+    except BrokenPipeError:  # the reader of standard output has closed it
         mute(sys.stdout)
         return EXIT_UNREAD
     except (OutputError, OSError) as error:
@@ -59,17 +59,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _flushed(code: int) -> int:
-    """Return an exit code once all that was printed is out.
+    """Flush standard output, and return the exit code.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: standard output cannot be written.
     """
     sys.stdout.flush()
     return code
 
 
 def _command(options: argparse.Namespace, started: float) -> int:
-    """Run a command; what it needs is imported here: --help and list load neither numpy nor kernels."""
+    """Run a command. Modules are imported here, so that --help and list load no numpy and no kernels."""
     _import_kinds(vars(options).get("modules", ()))
     match options.command:
         case "run":
@@ -136,7 +136,7 @@ def _run(options: argparse.Namespace, started: float, collection: LateCollection
 
 def _twin(options: argparse.Namespace) -> int:
     from cosim.app.simulation import Simulation  # here, because they load numpy
-    from cosim.cli.running import twin_command
+    from cosim.cli.twin import twin_command
 
     with _live_view(options, recording=True) as live:
         simulation = Simulation(options.scenario, overrides={**_overrides(options), "phase": []})
@@ -165,7 +165,7 @@ def _sweep(options: argparse.Namespace) -> int:
         raise
     if not options.quiet:
         tell(
-            f"{outcome.count} designs: {_counts(outcome.statuses)}; {outcome.computed} computed, "
+            f"{outcome.count} designs: {counts_text(outcome.statuses)}; {outcome.computed} computed, "
             f"{outcome.reused} known before"
         )
         for reason, count in list(outcome.reasons.items())[:_REASONS]:
@@ -204,7 +204,7 @@ def _errors(options: argparse.Namespace) -> int:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from cosim.cli.files import EXPORTS, export_command  # here, because it loads numpy
+    from cosim.cli.exporting import EXPORTS, export_command  # here, because it loads numpy
 
     wanted = [kind for kind in EXPORTS if vars(options)[kind]]
     export_command(options.directory, options.out, wanted, options.times_s)
@@ -325,7 +325,7 @@ def _pattern(options: argparse.Namespace) -> int:
 
 
 def _files(options: argparse.Namespace) -> int:
-    from cosim.cli import files  # here, because it loads pydantic
+    from cosim.cli import checking, files  # here, because they load pydantic
 
     if options.command == "new" and options.pattern is not None:
         from cosim.cli.pattern import new_pattern_command  # here, because it loads the mesher
@@ -340,7 +340,7 @@ def _files(options: argparse.Namespace) -> int:
     if options.command == "schema":
         print(files.schema_text(options.kind), end="")
         return EXIT_DONE
-    command = files.check_command if options.command == "check" else files.upgrade_command
+    command = checking.check_command if options.command == "check" else checking.upgrade_command
     return EXIT_DONE if command(options.files) else EXIT_INPUT
 
 
@@ -392,4 +392,4 @@ _PLAIN: Final = {
     "warm-up": _warm_up,
     "cache": _cache,
 }
-"""Commands of a function each, by name."""
+"""Functions of the commands that need no further arguments."""

@@ -1,4 +1,6 @@
-"""`cosim pattern` and `cosim new --pattern`: cut patterns checked, drawn, written and made into robots."""
+"""The commands `cosim pattern` and `cosim new --pattern`: check, draw and export cut patterns, and write a
+soft robot that is cut from a drawing.
+"""
 
 import os
 import re
@@ -21,7 +23,7 @@ from cosim.results.result import figure_kind
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, film_area, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 
-_BASE_SHARE: Final = 0.04  # of the height, where a drawing has no layer BASE
+_BASE_HEIGHT: Final = 0.04  # over the height of the drawing, if it has no layer BASE
 _COLOURS: Final = {
     LineKind.CUT: "black",
     LineKind.HOLE: "tab:pink",
@@ -73,16 +75,16 @@ pressure_Pa = 5e3
 
 
 def check_pattern_command(name: str, unit: Any, sealed: bool, png: Path | None) -> None:
-    """Print what a drawing, or a robot's pattern, is understood as, and draw it.
+    """Print how a drawing, or a robot's pattern, is interpreted, and draw the pattern.
 
     Args:
         name: path of a .dxf or .svg file, or name or path of a robot's file.
-        unit: of the drawing's numbers, where it states none.
+        unit: of the drawing's numbers, if the drawing has no unit.
         sealed: whether all edges of the sheets are welded.
-        png: where to draw it; None: nowhere.
+        png: file for the picture, or None.
 
     Raises:
-        InputError: it is no pattern; the message has the place in the drawing.
+        InputError: the drawing is no pattern; the message has the position in the drawing.
     """
     if png is not None:
         figure_kind()
@@ -111,7 +113,7 @@ def _robot_pattern(name: str) -> PatternTable:
     """Return the pattern of a robot's file.
 
     Raises:
-        InputError: there is no such robot, or no pattern draws it.
+        InputError: there is no such robot, or it has no cut pattern.
     """
     found = load_file(Path(name) if resources.is_file(Path(name)) else resources.soft_robot_path(name))
     if not isinstance(found, SoftRobotTable):
@@ -123,14 +125,14 @@ def _robot_pattern(name: str) -> PatternTable:
 
 
 def _table_of(path: Path, drawing: Drawing, unit: Any, sealed: bool) -> PatternTable:
-    """Return the table of a drawing; base and tip are layers BASE and TIP, or its lower and upper end."""
+    """Return the table of a drawing. Base and tip are layers BASE and TIP, or its lower and upper end."""
     cut = [line.points for line in drawing.layers.get("CUT", ())]
     if not cut:
         known = ", ".join(sorted(drawing.layers)) or "none with lines"
         raise MeshError(f"{path.name}: layer CUT is empty; there are: {known}")
     low, high = np.concatenate(cut).min(axis=0), np.concatenate(cut).max(axis=0)
     low, high = np.round(low, 7), np.round(high, 7)
-    rise = round(_BASE_SHARE * float(high[1] - low[1]), 5)
+    rise = round(_BASE_HEIGHT * float(high[1] - low[1]), 5)
     sets = []
     if "BASE" in drawing.layers:
         sets.append(PatternSetTable("base", layer="BASE"))
@@ -154,7 +156,7 @@ def _table_of(path: Path, drawing: Drawing, unit: Any, sealed: bool) -> PatternT
 
 
 def _lines(pattern: CutPattern, film: FlatFilm, drawing: Drawing | None) -> Iterator[str]:
-    """Yield what a pattern was understood as, line by line."""
+    """Yield lines that describe how a pattern is interpreted."""
     mesh, x = film.mesh, film.mesh.positions
     if drawing is not None:
         layers = ", ".join(f"{name} {len(lines)}" for name, lines in sorted(drawing.layers.items()))
@@ -191,11 +193,11 @@ def _figure(pattern: CutPattern, film: FlatFilm) -> Any:
     axes.tripcolor(x[:, 0], x[:, 1], mesh.triangles, film.chamber % 8, cmap="Pastel1", vmin=-1, vmax=8)
     axes.triplot(x[:, 0], x[:, 1], mesh.triangles, color="0.6", linewidth=0.3)
     for kind, colour in _COLOURS.items():
-        for place, edge in enumerate(mesh.edges_of(kind)):
+        for number, edge in enumerate(mesh.edges_of(kind)):
             axes.plot(*x[edge].T, color=colour, linewidth=2.5 if kind == LineKind.SEAL else 1.0,
-                      label=kind.name if place == 0 else None)  # fmt: skip
-    for place, port in enumerate(pattern.ports):
-        axes.plot(*(1e3 * port.middle), "o", color="tab:green", label="PORT" if place == 0 else None)
+                      label=kind.name if number == 0 else None)  # fmt: skip
+    for number, port in enumerate(pattern.ports):
+        axes.plot(*(1e3 * port.middle), "o", color="tab:green", label="PORT" if number == 0 else None)
     for choice in pattern.sets:
         nodes = x[film.sets[choice.name]]
         axes.plot(*nodes.T, "s-" if choice.corners_only else ".", markersize=5, label=f"set {choice.name}")
@@ -211,10 +213,10 @@ def export_pattern_command(name: str, out: Path) -> None:
 
     Args:
         name: name or path of a robot's file.
-        out: ends in .dxf.
+        out: path of the file, with suffix .dxf.
 
     Raises:
-        InputError: no pattern draws the robot, or the file's name is no .dxf.
+        InputError: the robot has no cut pattern, or the path has another suffix.
         OutputError: the file cannot be written.
     """
     if out.suffix.lower() != ".dxf":
@@ -247,13 +249,13 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
     """Write a soft robot's file and a scenario for a drawing into the working directory.
 
     Args:
-        name: of the scenario; None: that of the drawing.
+        name: of the scenario; None for the name of the drawing.
         drawing: path of a .dxf or .svg file.
-        unit: of the drawing's numbers, where it states none.
+        unit: of the drawing's numbers, if the drawing has no unit.
         sealed: whether all edges of the sheets are welded.
 
     Raises:
-        InputError: the drawing is no pattern, the name is none, or a file is there already.
+        InputError: the drawing is no pattern, the name is invalid, or a file exists already.
         OutputError: a file cannot be written.
     """
     name = drawing.stem if name is None else name

@@ -1,4 +1,4 @@
-"""Progress of a sweep in one line."""
+"""Shows the progress of a sweep in one line."""
 
 import time
 from collections.abc import Mapping
@@ -13,16 +13,17 @@ _REDRAW_S: Final = 0.2
 _RETOLD_S: Final = 30.0
 
 
-def _counts(statuses: Mapping[str, int]) -> str:
+def counts_text(statuses: Mapping[str, int]) -> str:
+    """Return the number of designs of each status, such as "3 completed, 1 failed"."""
     return ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
 
 
 @final
 class SweepLine:
-    """Draws one line that renews itself on a terminal; elsewhere a line now and then.
+    """Redraws one line on a terminal; in a file, prints a line every half minute.
 
     Args:
-        stream: where to draw, usually stderr.
+        stream: for the line, usually stderr.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -31,7 +32,7 @@ class SweepLine:
         self._drawn = time.perf_counter()
 
     def __call__(self, progress: "SweepProgress") -> None:
-        """Show how far a sweep is."""
+        """Show the progress of a sweep."""
         now, at_end = time.perf_counter(), progress.done == progress.count
         if now - self._drawn < self._every_s and not at_end:
             return
@@ -41,9 +42,9 @@ class SweepLine:
 
 
 def sweep_line(progress: "SweepProgress") -> str:
-    """Return how far a sweep is, in one line."""
+    """Return the progress of a sweep in one line."""
     from cosim.app.progress import clock  # here, because it loads numpy
 
     left_s = progress.left_s
     left = "" if left_s is None or progress.done == progress.count else f", {clock(left_s)} left"
-    return f"{progress.done} of {progress.count} designs: {_counts(progress.statuses)}{left}"
+    return f"{progress.done} of {progress.count} designs: {counts_text(progress.statuses)}{left}"

@@ -1,4 +1,6 @@
-"""`cosim trade`: a scenario's speed against its accuracy, as a table and a plot, and what to set."""
+"""The command `cosim trade`: measures a scenario's speed against its accuracy, and writes a table, a plot and
+a recommended setting.
+"""
 
 import argparse
 from collections.abc import Mapping
@@ -25,10 +27,10 @@ def trade_command(options: argparse.Namespace, progress: Tell) -> int:
 
     Args:
         options: of the command line.
-        progress: told how many candidates are done.
+        progress: called with the progress of the candidates.
 
     Raises:
-        InputError: wrong words, or a directory that cannot be written; nothing was run.
+        InputError: an option is wrong, or the directory cannot be written; nothing was run.
     """
     requirement, slowest = _requirement(options), parse_budget(options.slowest)
     scenario = loading.load_scenario(options.scenario, dict(map(parse_assignment, options.assignments)))
@@ -81,7 +83,7 @@ def _positive(text: str, units: Mapping[str, float], wanted: str) -> float:
     """Return a positive number times its unit.
 
     Raises:
-        InputError: it is none.
+        InputError: the text is no such number.
     """
     number = text.strip()
     unit = next((unit for unit in units if number.endswith(unit)), "")

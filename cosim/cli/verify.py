@@ -1,4 +1,4 @@
-"""`cosim verify`: runs cases with known answers and prints which numbers fall short."""
+"""The command `cosim verify`: runs cases with known answers and prints which of them fail."""
 
 import time
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ _ROW = "{:<22}{:<44}{:>14}{:>14}{:>11}  {}".format
 
 
 def verify_command(names: Sequence[str]) -> int:
-    """Run cases, print their table and return the exit code: 0 if all pass, 1 if any falls short.
+    """Run cases, print their table and return the exit code: 0 if all pass, 1 if any fails.
 
     Args:
-        names: of the cases; none means all.
+        names: names of the cases; empty for all.
 
     Raises:
-        InputError: an unknown case; nothing was run.
+        InputError: a case is unknown; nothing was run.
     """
     unknown = [name for name in names if name not in CASES]
     if unknown:

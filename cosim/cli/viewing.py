@@ -1,4 +1,4 @@
-"""`cosim view`, `cosim video`, `cosim run --live`: a run, or its recording, in Rerun's viewer."""
+"""The commands `cosim view` and `cosim video`, and the live view of `cosim run --live`."""
 
 import argparse
 import sys
@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Final, final
 
 from cosim.app.ended_run import found_recordings
-from cosim.cli.screen import Interruption, draw, tell
+from cosim.cli.interruption import Interruption
+from cosim.cli.screen import draw, tell
 from cosim.config.schema.settings import RecordingTable
 from cosim.errors import InputError
 from cosim.recording.pictures import SIZE, write_video
@@ -23,11 +24,11 @@ ON_A_PAGE: Final = (
 
 
 def view_command(directory: Path, *, web: bool) -> int:
-    """Open a recording in a window, or serve it to a browser until Ctrl-C; return the exit code.
+    """Open a recording in a window, or on a page for a browser until Ctrl-C; return the exit code.
 
     Args:
         directory: of the run, or a .rrd file.
-        web: whether a browser shows it.
+        web: whether to open it on a page for a browser.
 
     Raises:
         InputError: there is no recording, or no display.
@@ -47,7 +48,7 @@ def video_command(options: argparse.Namespace) -> int:
 
     Raises:
         InputError: there is no recording, or an option cannot be used.
-        OutputError: there is nothing to draw with, or the video cannot be written.
+        OutputError: there is no graphics driver, or the video cannot be written.
     """
     found = found_recordings(options.directory)
     if not options.out.parent.is_dir():
@@ -81,10 +82,10 @@ def _size(text: str) -> tuple[int, int]:
 
 @final
 class LiveView:
-    """Shows a run in a viewer while it lasts.
+    """Shows a run in a viewer while it is simulated.
 
     Args:
-        shown: "window", or "page": in a browser, until Ctrl-C after the run.
+        shown: "window"; or "page" for a browser, until Ctrl-C after the run.
 
     Raises:
         InputError: there is no display for a window.
@@ -104,18 +105,18 @@ class LiveView:
         return RerunRecorder(path, frames_per_s=settings.frames_per_s, part=part, viewer=self._viewer.address)
 
     def serve_on(self) -> None:
-        """Serve a page on, until Ctrl-C; a window is its user's anyway."""
+        """Leave the page open until Ctrl-C; a window needs no process of cosim."""
         if self._viewer is not None and self._viewer.page is not None:
             _serve(self._viewer)
 
     def close(self) -> None:
-        """End what serves a page."""
+        """End the viewer of a page."""
         if self._viewer is not None and self._viewer.page is not None:
             self._viewer.stop()
 
 
 def _serve(viewer: Viewer) -> None:
-    """Wait until a viewer ends, or Ctrl-C or SIGTERM ends it."""
+    """Wait until the viewer ends; Ctrl-C or SIGTERM ends it."""
     tell(f"shown at {viewer.page} on this machine alone; Ctrl-C ends it")
     try:
         with Interruption():
@@ -128,10 +129,10 @@ def _serve(viewer: Viewer) -> None:
 
 @contextmanager
 def live_view(*, web: bool, recording: bool) -> Iterator[LiveView]:
-    """Give what shows a run while it lasts, in a window or in a browser.
+    """Open a live view of a run, in a window or for a browser.
 
     Raises:
-        InputError: there is no display, or nothing is recorded.
+        InputError: there is no display, or the run is not recorded.
     """
     if not recording:
         raise InputError("--no-recording: a live view shows the recording; leave one of them out")

@@ -252,7 +252,7 @@ def test_a_file_that_cannot_be_written_whole_stays_as_it_was(tmp_path: Path) -> 
     assert len(upgraded(text)[0]) > len(text)
     # no file may become longer than this one: the disk is full for what upgrading adds
     code = (
-        "import resource, sys; from cosim.cli.main import main; import cosim.cli.files;"
+        "import resource, sys; from cosim.cli.main import main; import cosim.cli.checking, cosim.cli.files;"
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({len(text)}, {len(text)}));"
         f"sys.exit(main(['upgrade', {str(path)!r}]))"
     )
