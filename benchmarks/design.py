@@ -20,7 +20,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.optimize import NonlinearConstraint, minimize
 
-from cosim.bench.design import DesignProblem, design, design_lines, search
+from cosim.bench.design import design, design_lines, search
+from cosim.bench.design_problem import DesignProblem
 from cosim.config.benches import DesignStudyTable, load_design_study
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "design.md"

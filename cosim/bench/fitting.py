@@ -1,13 +1,10 @@
-"""Least squares of a robot's values to measured curves, robust first, and intervals by profile.
-
-Minimised is sum_k ((y_k - m_k) / s_k)^2 + sum_i ((p_i - p_i0) / q_i)^2, with the noise s_k of the data and
-the priors q_i; the zero of a relative series is found with them. The Jacobian is exact
-(`cosim.bench.sensitivity`). The first fit takes soft_l1 in place of the square, so that outliers do not draw
-it; rows beyond 4.5 standard deviations are then set aside.
-95 % intervals by profile likelihood: where the least sum over all other parameters is 3.84 above the minimum.
-Where the residuals are larger than the noise explains (chi^2, 5 %), 3.84 is multiplied by their variance over
-the noise's.
-Source: Seber and Wild, Nonlinear Regression, section 5.10.
+"""Fits a robot's values to measured curves by least squares, and computes their 95 % intervals. The minimised
+sum is sum_k ((y_k - m_k) / s_k)^2 + sum_i ((p_i - p_i0) / q_i)^2, with the noise s_k of the data and the
+priors q_i; the offset of a relative series is a further unknown. The Jacobian is exact. A first fit with the
+loss soft_l1 is robust against outliers; rows beyond 4.5 standard deviations are then removed. The interval of
+a parameter is its profile likelihood: the minimum over all other parameters is 3.84 above the least sum. If
+the residuals are larger than the noise explains (chi^2, 5 %), 3.84 is multiplied by the ratio of their
+variances. Source: Seber and Wild, Nonlinear Regression, section 5.10.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,8 +14,9 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask
-from cosim.bench.checks import Identifiability, identifiability, oddities
 from cosim.bench.equilibria import Curves
+from cosim.bench.identifiability import Identifiability, identifiability
+from cosim.bench.oddities import oddities
 from cosim.config.benches import BenchTable, Series
 from cosim.config.toml.keys import unit_of
 from cosim.errors import ConvergenceError, InputError
@@ -28,21 +26,21 @@ _MAD: Final = 1.4826  # of the median of absolute residuals, which makes it a st
 _CHI2: Final = 3.841458820694124  # of one degree of freedom, 95 %
 _BY_NOISE: Final = 0.05  # probability of residuals below which noise has not made them
 _ROUNDS: Final = 3
-_FAILED: Final = 1e4  # standard deviations, of rows without an equilibrium
-_SEEN: Final = {"m": 1e-4, "m3": 1e-7}  # what a camera and a measuring cup tell apart
+_FAILED: Final = 1e4  # residual of a row without an equilibrium, in standard deviations
+_RESOLUTIONS: Final = {"m": 1e-4, "m3": 1e-7}  # of a camera and of a measuring cup
 _FURTHER: Final = ("tip_position_m.x", "tip_position_m.y", "tip_position_m.z", "length_m", "volume_m3")
 _EXACT: Final = 1e-7
 _PROFILE: Final = 1e-4
-_CHORDS, _SETTLED = 8, 1e-2  # steps, and what is left of a sum of squares to gain by one
+_CHORDS, _SMALL_GAIN = 8, 1e-2  # most steps, and the decrease of the sum of squares at which they end
 
 
 @final
 @dataclass(frozen=True)
 class Interval:
-    """A value that was found.
+    """A fitted value with its 95 % interval.
 
     Args:
-        value: at the minimum.
+        value: at the minimum of the sum of squares.
         low: lower end of the 95 % interval.
         high: upper end.
         at_bound: whether the interval ends at a bound that the bench file gives.
@@ -57,24 +55,24 @@ class Interval:
 @final
 @dataclass(frozen=True)
 class Identified:
-    """What a bench has told.
+    """Result of an identification.
 
     Args:
-        bench: the file.
-        series: its curves.
-        check: what the data can tell, at the start.
-        oddities: what looks wrong in the data.
+        bench: table of the bench file.
+        series: measured curves.
+        check: whether the data determine the parameters, at the start.
+        oddities: messages about probable mistakes in the data.
         found: a value for each parameter; empty if nothing was fitted.
-        predicted: (rows,), the model's values there, of all series one after the other.
-        measured: (rows,).
+        predicted: (rows,), the model's values at the fitted parameters, of all series one after the other.
+        measured: (rows,), measured values.
         noise: (rows,), standard deviation.
-        fitted: (rows,) whether a row was fitted.
-        held_out: (rows,) whether it was kept out to be predicted.
-        outliers: (rows,) whether it was set aside.
-        equilibria: how many were solved.
-        band: (rows,), half of the 95 % interval of what is measured there, by the values' uncertainty and by
-            noise as large as the residuals are; not numbers if nothing was fitted.
-        zeros: (series,), what is added to the model's values of a relative series, in its unit; 0 of others.
+        fitted: (rows,), whether a row was fitted.
+        held_out: (rows,), whether a row was left out of the fit, to be predicted.
+        outliers: (rows,), whether a row was removed from the fit as an outlier.
+        equilibria: number of equilibria that were solved.
+        band: (rows,), half of the 95 % interval of the measured value, from the uncertainty of the parameters
+            and noise of the size of the residuals; NaN if nothing was fitted.
+        zeros: (series,), offset of the model's values of a relative series, in its unit; 0 for others.
     """
 
     bench: BenchTable
@@ -105,11 +103,12 @@ class Identified:
 
 @final
 class Fit:
-    """A least-squares problem in the parameters as they are fitted: logarithms of those with positive bounds.
+    """The least-squares problem. Its variables are parameters, or logarithms of those with positive bounds.
 
     Args:
-        bench: checked.
-        series: its curves.
+        bench: checked table.
+        series: measured curves.
+        curves: of the model; None: they are built.
     """
 
     def __init__(self, bench: BenchTable, series: Sequence[Series], curves: Curves | None = None) -> None:
@@ -139,27 +138,27 @@ class Fit:
 
     @property
     def count(self) -> int:
-        """Number of values looked for; the zeros of relative series come after them."""
+        """Number of parameters; the offsets of relative series are further variables after them."""
         return len(self.start)
 
     @staticmethod
     def _measured(entry: Series) -> tuple[Array, Array, Mask]:
-        every, place = entry.table.hold_out, np.arange(len(entry.values))
-        held = (place % every == every // 2) & (len(place) > 2) if every else np.zeros(len(place), bool)
-        return np.array(entry.values), np.full(len(place), entry.noise), held
+        every, index = entry.table.hold_out, np.arange(len(entry.values))
+        held = (index % every == every // 2) & (len(index) > 2) if every else np.zeros(len(index), bool)
+        return np.array(entry.values), np.full(len(index), entry.noise), held
 
     def fitted(self, values: Array) -> Array:
-        """Return values as they are fitted."""
+        """Return the variables (logarithms or values) of parameters."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.where(self._logs, np.log(values), values)
 
     def values(self, fitted: Array) -> Array:
-        """Return values as the robot's file has them."""
+        """Return the parameters of variables, as in the robot's file."""
         some = fitted[: self.count]
         return np.where(self._logs, np.exp(np.where(self._logs, some, 0.0)), some)
 
     def aligned(self, values: Array) -> Array:
-        """Return values (parameters,) as they are fitted, and after them the zeros of relative series."""
+        """Return variables (parameters,) with the offsets of relative series after them."""
         found = np.concatenate([values, np.zeros(len(self._zeros))])
         off = (self.measured - self.predicted(found)) / self.noise
         for place, rows in enumerate(self._zeros, start=self.count):
@@ -167,7 +166,7 @@ class Fit:
         return found
 
     def predicted(self, fitted: Array) -> Array:
-        """Return the model's values (rows,); not numbers where one has no equilibrium."""
+        """Return the model's values (rows,); NaN if a row has no equilibrium."""
         if self._last is None or not np.array_equal(self._last[0], fitted[: self.count]):
             try:
                 found = self.curves.at(self.values(fitted))
@@ -177,12 +176,12 @@ class Fit:
         return np.asarray(self._last[1] + self.noise * (fitted[self.count :] @ self._zeros))
 
     def zeros(self, fitted: Array) -> Array:
-        """Return what is added to the model's values of each series, in its unit; 0 of those not relative."""
+        """Return the offset of each series, in its unit; 0 for series that are not relative."""
         added = self.noise * (fitted[self.count :] @ self._zeros)
         return np.asarray(added[self._firsts])
 
     def residuals(self, fitted: Array) -> Array:
-        """Return residuals over noise of the rows that are fitted, then those of the priors."""
+        """Return residuals over noise of the fitted rows, then of the priors."""
         found = ((self.predicted(fitted) - self.measured) / self.noise)[self.rows]
         prior = (self.values(fitted) - self.curves.rows.start) / self.prior_sd
         return np.concatenate(
@@ -190,7 +189,7 @@ class Fit:
         )
 
     def scaled(self, fitted: Array, quantities: Sequence[str] = ()) -> Array:
-        """Return derivatives (rows, parameters) by what is fitted, over noise; of others if named."""
+        """Return derivatives (rows, parameters) by the variables, over noise; or of other quantities."""
         self.predicted(fitted)
         slope = np.where(self._logs, self.values(fitted), 1.0)
         found = self.curves.jacobian(quantities)
@@ -198,29 +197,29 @@ class Fit:
 
     def jacobian(self, fitted: Array) -> Array:
         """Return the derivatives of `residuals`."""
-        own = np.concatenate([self.scaled(fitted), self._zeros.T], axis=1)[self.rows]
+        data = np.concatenate([self.scaled(fitted), self._zeros.T], axis=1)[self.rows]
         prior = self.priors(fitted)
-        return np.concatenate([own, np.pad(prior, ((0, 0), (0, len(self._zeros))))])
+        return np.concatenate([data, np.pad(prior, ((0, 0), (0, len(self._zeros))))])
 
     def priors(self, fitted: Array) -> Array:
         """Return the derivatives (priors, parameters) of the priors' residuals."""
         slope = np.where(self._logs, self.values(fitted), 1.0)
         return np.asarray(np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)])
 
-    def told(self, fitted: Array) -> Array:
-        """Return what the data and priors tell (rows, parameters), the zeros of relative series unknown."""
+    def information(self, fitted: Array) -> Array:
+        """Return derivatives (rows, parameters) of data and priors; offsets of relative series are unknown."""
         rows = self.scaled(fitted)
-        for own in self._zeros > 0.0:
-            rows[own] -= rows[own & self.rows].mean(axis=0)
+        for of_series in self._zeros > 0.0:
+            rows[of_series] -= rows[of_series & self.rows].mean(axis=0)
         return np.concatenate([rows[self.rows], self.priors(fitted)])
 
     def least(self, start: Array, loss: str = "linear", close: float = _EXACT) -> tuple[Array, float]:
-        """Return where the sum of squares is least, and that sum.
+        """Return the variables of the least sum of squares, and that sum.
 
         Args:
-            start: where to begin.
+            start: initial variables.
             loss: of scipy's least squares.
-            close: relative change of the sum at which it ends.
+            close: relative change of the sum at which the search ends.
         """
         from scipy.optimize import least_squares  # here: it takes long to load
 
@@ -231,10 +230,10 @@ class Fit:
         return found.x, float((self.residuals(found.x) ** 2).sum())
 
     def band(self, best: Array, spread: float) -> Array:
-        """Return half of the 95 % interval (rows,) of what is measured, to first order in the values.
+        """Return half of the 95 % interval (rows,) of measured values, to first order in the parameters.
 
         Args:
-            best: where the sum of squares is least.
+            best: variables of the least sum of squares.
             spread: variance of the residuals over that of the noise, at least 1.
         """
         self.predicted(best)
@@ -247,9 +246,9 @@ class Fit:
         """Return the 95 % interval of a parameter by profile likelihood.
 
         Args:
-            best: where the sum of squares is least.
+            best: variables of the least sum of squares.
             least: that sum.
-            number: of the parameter.
+            number: index of the parameter.
             spread: variance of the residuals over that of the noise, at least 1.
         """
         self.predicted(best)
@@ -275,11 +274,11 @@ class Fit:
         return found
 
     def _rise(self, best: Array, least: float, number: int, at: tuple[float, Array]) -> float:
-        """Return by how much the sum of squares rises where a parameter is held elsewhere.
+        """Return the rise of the least sum of squares with one parameter at another value.
 
-        The others follow by Gauss-Newton steps with the derivatives at the minimum.
+        The other variables are found by Gauss-Newton steps with the derivatives at the minimum.
 
-        at: the value, and how the others lean with it, to begin with.
+        at: value of the parameter, and initial derivatives of the other variables by it.
         """
         x, lean = at
         inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
@@ -292,18 +291,18 @@ class Fit:
             before, found = found, min(found, float(left @ left))
             step = np.linalg.lstsq(inner[:, free], -left, rcond=None)[0]
             gain = float(((inner[:, free] @ step) ** 2).sum())
-            if gain < _SETTLED or before - found < _SETTLED:
+            if gain < _SMALL_GAIN or before - found < _SMALL_GAIN:
                 break
             point[free] = np.clip(point[free] + step, self.low[free], self.high[free])
         return max(0.0, found - least)
 
 
 def spread_of(least: float, freedom: int) -> float:
-    """Return the variance of residuals over the noise's; 1 where noise may have made them (chi^2, 5 %).
+    """Return the variance of residuals over that of the noise; 1 if noise explains them (chi^2, 5 %).
 
     Args:
-        least: sum of their squares over the noise's.
-        freedom: rows less values found.
+        least: sum of squares of residuals over noise.
+        freedom: number of rows less number of variables.
     """
     from scipy.special import gammaincc  # here: it takes long to load
 
@@ -311,7 +310,7 @@ def spread_of(least: float, freedom: int) -> float:
 
 
 def _crossing(rise: Callable[[float], float], best: float, step: float, bound: float) -> float:
-    """Return where the root of a rise, nearly a straight line, meets that of the quantile; or the bound."""
+    """Return the value at which a rise equals the quantile, or the bound; its root is nearly linear."""
     wanted, at = np.sqrt(_CHI2), step
     for _ in range(8):
         outside = abs(at) >= abs(bound - best)
@@ -331,17 +330,17 @@ def identify(
     bench: BenchTable, series: Sequence[Series], *, only_check: bool = False, force: bool = False,
     tell: Callable[[str], None] = lambda _text: None,
 ) -> Identified:  # fmt: skip
-    """Return the values that measured curves tell.
+    """Identify the parameters of a bench from its measured curves.
 
     Args:
         bench: see `load_bench`.
-        series: its curves.
-        only_check: whether nothing is fitted.
-        force: whether it is fitted whatever the checks say.
-        tell: told what is done.
+        series: measured curves.
+        only_check: whether to check without a fit.
+        force: whether to fit even if a check fails.
+        tell: called with messages of progress.
 
     Raises:
-        InputError: the data cannot tell a value, or look wrong, unless forced.
+        InputError: the data do not determine a parameter, or look wrong, unless forced.
         ConvergenceError: a row has no equilibrium at the start.
     """
     fit = Fit(bench, series)
@@ -365,7 +364,7 @@ def identify(
 
 
 def _without_outliers(fit: Fit, start: Array) -> tuple[Array, Mask]:
-    """Return where a robust fit ends, and (rows,) which rows it sets aside: the fit has them no longer."""
+    """Return the variables of a robust fit, and its outliers (rows,), which are removed from the fit."""
     best, outliers = start, np.zeros(len(fit.measured), bool)
     for _ in range(_ROUNDS):
         best, _ = fit.least(best, loss="soft_l1", close=_PROFILE)
@@ -385,12 +384,12 @@ def _odd(fit: Fit, series: Sequence[Series], start: Array) -> list[str]:
 
 
 def _check(fit: Fit, bench: BenchTable, start: Array) -> Identifiability:
-    scaled = fit.told(start)
+    scaled = fit.information(start)
     further = {}
     if len(bench.parameter) > 1:
         names = [name for name in _FURTHER if name not in {each.quantity for each in bench.series}]
         for name, each in zip(names, fit.scaled(start, names), strict=True):
-            further[name] = each / _SEEN[unit_of(name.partition(".")[0])]
+            further[name] = each / _RESOLUTIONS[unit_of(name.partition(".")[0])]
     return identifiability(scaled, (fit.high - fit.low)[: fit.count], bench.parameter, further)
 
 
@@ -399,8 +398,8 @@ def _result(
     found: tuple[Interval, ...], at: Array, outliers: Mask | None = None,
 ) -> Identified:  # fmt: skip
     predicted = fit.predicted(at)
-    aside = np.zeros(len(predicted), bool) if outliers is None else outliers
+    removed = np.zeros(len(predicted), bool) if outliers is None else outliers
     return Identified(
         bench, tuple(series), check, tuple(odd), found, predicted, fit.measured, fit.noise, fit.rows,
-        fit.held_out, aside, fit.curves.rows.solved, np.full(len(predicted), np.nan), fit.zeros(at),
+        fit.held_out, removed, fit.curves.rows.solved, np.full(len(predicted), np.nan), fit.zeros(at),
     )  # fmt: skip

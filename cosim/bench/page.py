@@ -1,4 +1,6 @@
-"""What an identification or a design leaves: an HTML page, and the robot's file with the values found."""
+"""Writes the results of an identification or a design: an HTML page, and the robot's file with the values
+that were found.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -27,8 +29,8 @@ _STYLE: Final = (
 )
 
 
-_ALIKE = 3.0  # times what residuals differ by, from where on they are alike
-_INSIDE = 0.75  # of held-out rows, below which intervals are too narrow
+_ALIKE = 3.0  # ratio of mean and standard deviation of residuals from which they are an offset
+_INSIDE = 0.75  # fraction of held-out rows in their intervals, below which intervals are too narrow
 
 
 def value_lines(result: fitting.Identified) -> list[str]:
@@ -45,24 +47,24 @@ def value_lines(result: fitting.Identified) -> list[str]:
 
 
 def series_lines(result: fitting.Identified) -> list[str]:
-    """Return a line for each series: how well it is met, on rows that were fitted and that were held out."""
+    """Return a line for each series: its errors in fitted rows and in held-out rows."""
     lines = []
     for number, entry in enumerate(result.series):
         rows = result.rows_of(number)
         left, scaled = (result.predicted - result.measured)[rows], result.scaled[rows]
         fitted, held = result.fitted[rows], result.held_out[rows]
         span = float(np.ptp(result.measured[rows])) or 1.0
-        parts = [f"fitted rows off by {_share(left[fitted], span)} of the range"] if fitted.any() else []
+        parts = [f"fitted rows off by {_percent(left[fitted], span)} of the range"] if fitted.any() else []
         if held.any():
-            parts.append(f"held out rows by {_share(left[held], span)}")
+            parts.append(f"held out rows by {_percent(left[held], span)}")
             inside = int((np.abs(left[held]) <= result.band[rows][held]).sum())
             if result.found:
                 parts.append(f"{inside} of {int(held.sum())} of them in their 95 % interval")
             if result.found and inside < _INSIDE * held.sum():
                 parts.append("the model is off by more than its interval says")
         if result.outliers[rows].any():
-            places = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
-            parts.append(f"outliers set aside: row {places}")
+            numbers = ", ".join(str(row + 1) for row in np.flatnonzero(result.outliers[rows]))
+            parts.append(f"outliers set aside: row {numbers}")
         if not fitted.any() and not held.all():
             parts.append("the model cannot follow it: no row is met")
         if entry.table.relative:
@@ -73,12 +75,12 @@ def series_lines(result: fitting.Identified) -> list[str]:
                 "relative = true fits this offset, such as a volume of tubing"
             )
         if _systematic(scaled[fitted]):
-            parts.append("the model cannot follow it: what is left is no noise, neighbours are off alike")
+            parts.append("the model cannot follow it: residuals are no noise, as neighbours are alike")
         lines.append(f"{entry.table.name}: {'; '.join(parts)}")
     return lines
 
 
-def _share(left: Array, span: float) -> str:
+def _percent(left: Array, span: float) -> str:
     return f"{100.0 * float(np.sqrt((left**2).mean())) / span:.3g} %" if left.size else "nothing"
 
 
@@ -94,11 +96,11 @@ def write_results(result: fitting.Identified, directory: Path, source: str) -> l
 
     Args:
         result: of a fit.
-        directory: where to.
+        directory: for the files.
         source: name of the bench file.
 
     Raises:
-        OutputError: they cannot be written.
+        OutputError: a file cannot be written.
     """
     pairs = zip(result.bench.parameter, result.found, strict=True)
     keys = {
@@ -121,11 +123,11 @@ def write_designs(results: Sequence[design.Designed], directory: Path, source: s
 
     Args:
         results: of `design`, the best choice first.
-        directory: where to.
+        directory: for the files.
         source: name of the study's file.
 
     Raises:
-        OutputError: they cannot be written.
+        OutputError: a file cannot be written.
     """
     best = results[0]
     keys = {
@@ -160,20 +162,20 @@ def robot_text(
     """Return a scenario's soft robot as a file, with values by key, and how these are known.
 
     Args:
-        scenario: whose robot.
+        scenario: with the robot.
         keys: values by key path.
-        known: where `[known]` lists them.
-        head: what is said of them: first lines of the file.
+        known: list of `[known]` that gets the keys.
+        head: first lines of the file, a comment.
     """
     robot = parameters.with_values(scenario, dict(keys)).soft_robot
     if not isinstance(robot, SoftRobotTable):
         raise InputError("the soft body is given as arrays, which are in no file")
-    own = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
+    changed = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
     lists = {
-        name: tuple(key for key in getattr(robot.known, name) if key not in own)
+        name: tuple(key for key in getattr(robot.known, name) if key not in changed)
         for name in ("published", "measured", "assumed")
     }
-    lists[known] = (*lists[known], *own)
+    lists[known] = (*lists[known], *changed)
     robot = replace(robot, known=KnownTable(**lists))
     lines = [f"# {robot.name}, with {head[0]}", *(f"# {line}" for line in head[1:])]
     lines.append("# Every other value is spelled out as it was.")
@@ -186,7 +188,7 @@ def _page(source: str, parts: Sequence[str]) -> str:
 
 
 def _plain(key: str, table: Any) -> str:
-    """Return a key of the soft robot as `[known]` names it: without names or places of entries of lists."""
+    """Return a key of the soft robot as in `[known]`: without names or numbers of list entries."""
     found, here = [], table
     for part in key.split("."):
         if isinstance(here, list) or part.isdecimal():
@@ -236,8 +238,8 @@ def _plot(result: fitting.Identified, number: int) -> str:
     line = " ".join(f"{across(a):.1f},{up(b):.1f}" for a, b in zip(x[order], predicted[order], strict=True))
     marks = []
     for k, (a, b) in enumerate(zip(x, measured, strict=True)):
-        held, aside = result.held_out[rows][k], result.outliers[rows][k]
-        kind = "outlier" if aside else "held out" if held else "fitted"
+        held, removed = result.held_out[rows][k], result.outliers[rows][k]
+        kind = "outlier" if removed else "held out" if held else "fitted"
         marks.append(f"<circle cx='{across(a):.1f}' cy='{up(b):.1f}' r='4' fill='{_COLOURS[kind]}'/>")
     texts = [
         _text(_EDGE, _HIGH - 22.0, f"{x.min():.4g}"), _text(_WIDE - 60.0, _HIGH - 22.0, f"{x.max():.4g}"),

@@ -1,7 +1,6 @@
-"""Parameters of an equilibrium by their names: keys of the soft robot's file, and loads.
-
-A key of the file is moved by building the body again with the changed value, so every key of a number works
-by itself as long as the mesh keeps its nodes and triangles.
+"""Parameters of an equilibrium by name: keys of the soft robot's file, and loads. For a key of the file, the
+body is built again with a changed value, so every number of the file can be a parameter, if the mesh keeps
+its nodes and triangles.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -29,21 +28,21 @@ from cosim.stepping.parts import film_law
 
 _ROBOT: Final = "soft_robot."
 _SOLVER: Final = ("solver.damping_per_s", "solver.air_drag_per_s")
-"""Losses in time, which no body knows of."""
+"""Losses in time, which are no property of the soft body."""
 _STEP: Final = 3e-5  # of a parameter
-_DRAWN_STEP: Final = 1e-5, 1e-4  # the same where the drawn film changes, at rest and in time: it rounds more
+_DRAWN_STEP: Final = 1e-5, 1e-4  # at rest and in time, if the drawn film changes, with more rounding
 _LOSSES: Final = {*_SOLVER, "soft_robot.film.loss_factor"}
-_LOSS_STEP: Final = 1e-3  # forces are linear in a loss; with less, a state moves by its rounding only
-_ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass; what is linear in it does not mind
+_LOSS_STEP: Final = 1e-3  # forces are linear in a loss, and smaller steps only change the rounding
+_ZERO_STEP: Final = 1e-8  # of a key that is 0, such as a mass, in which forces are linear
 _STEPS: Final = {"cable_length_m": 1e-6}  # a cable gets taut within 0.02 mm
 _SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 0.01, "gas_mass_kg": 0.0}
-"""Of a parameter that is 0, or nearly, instead of itself."""
+"""Smallest reference value of a step, for parameters that are nearly 0."""
 
 _STRAIGHT: Final = ("young_modulus_Pa", "density_kg_m3", "node_mass_kg", "stiffness_factor")
-"""Keys by which forces change linearly."""
+"""Keys in which forces are linear."""
 
 Moves: TypeAlias = Callable[[Equilibrium, Clamp], Moved]
-"""Equilibrium, and the clamp in force there -> a parameter that is moved there."""
+"""Function of an equilibrium and its active clamp, which returns the difference quotient of a parameter."""
 
 _CENTRAL: Final = ((-1.0, -0.5, 1.0), (1.0, 0.5, 1.0))
 _FOURTH: Final = (
@@ -52,13 +51,13 @@ _FOURTH: Final = (
     (1.0, 2.0 / 3.0, 1.0),
     (2.0, -1.0 / 12.0, 0.0),
 )
-"""Of fourth order, for long steps: a film that wrinkles is far from linear in what is drawn."""
+"""Of fourth order, for long steps, as a wrinkling film is far from linear in its drawn shape."""
 _FORWARD: Final = ((0.0, -1.5, 1.0), (1.0, 2.0, -2.0), (2.0, -0.5, 1.0))
 _BACKWARD: Final = ((0.0, 1.5, 1.0), (-1.0, -2.0, -2.0), (-2.0, 0.5, 1.0))
-"""(offset, weight, weight in the second difference), in steps; one-sided at the bound of a value."""
+"""(offset, weight, weight in the second difference), in steps; one-sided for a value at its bound."""
 
 ParameterName: TypeAlias = str | Sequence[str]
-"""A name, or names of values that are moved together, being the same number."""
+"""A name, or names of equal values that are one parameter."""
 _OTHER: Final = {
     "pressure_Pa": "the gas is sealed: ask for gas_mass_kg",
     "cable_tension_N": "the cable's length is commanded: ask for cable_length_m",
@@ -70,13 +69,13 @@ _OTHER: Final = {
 @final
 @dataclass(frozen=True)
 class StaticModel:
-    """The model whose equilibria are looked at.
+    """A static model of a scenario.
 
     Args:
-        scenario: that describes it.
+        scenario: checked.
         film: of its body.
-        chambers: names.
-        cables: names.
+        chambers: names of the chambers.
+        cables: names of the cables.
     """
 
     scenario: Scenario
@@ -99,12 +98,12 @@ class StaticModel:
 @final
 @dataclass(frozen=True)
 class ModelParameter:
-    """A value of the soft robot's file.
+    """A value of the soft robot's file as a parameter.
 
     Args:
-        name: of it.
-        keys: paths; several are moved together, those with a minus before them the other way.
-        value: of it.
+        name: its keys.
+        keys: key paths; several keys have the same value, or the opposite one with a minus before the key.
+        value: present value.
     """
 
     name: str
@@ -113,21 +112,21 @@ class ModelParameter:
 
     @property
     def unit(self) -> str:
-        """As people write it; "1" without one."""
+        """Unit for people; "1" without one."""
         return unit_text(unit_of(_last(self.keys[0]))) or "1"
 
     def step_options(self, options: StepOptions, offset: float) -> StepOptions:
-        """Return how ticks are solved where it is moved by an offset."""
+        """Return the options of a tick with the parameter changed by an offset."""
         if self.keys[0] not in _SOLVER:
             return options
         changes: dict[str, Any] = {_last(key): self.value + offset for key in self.keys}
         return replace(options, **changes)
 
     def moves(self, model: StaticModel) -> Moves:
-        """Return what moves it at an equilibrium.
+        """Return the difference quotient of the parameter, as a function of equilibrium and clamp.
 
         Raises:
-            InputError: the mesh changes its nodes or triangles with it, or no value near it is allowed.
+            InputError: nodes or triangles of the mesh change with it, or no value near it is allowed.
         """
         step = _STEP * abs(self.value) if self.value else _ZERO_STEP
         if _LOSSES.issuperset(self.keys):
@@ -149,7 +148,7 @@ class ModelParameter:
                 made = _scheme(built, _FOURTH if in_time else _CENTRAL, step)
         law, straight = film_law(model.scenario), all(_last(key) in _STRAIGHT for key in self.keys)
         alike = [content_name(film.body.cables) == content_name(drawn.cables) for *_, film in made]
-        held = list[Clamp]()  # those of the sides, and last the one they are made of, often the same
+        held = list[Clamp]()  # clamps of the sides, then the clamp that they were made for
 
         def moves(here: Equilibrium, clamp: Clamp) -> Moved:
             if not held or held[-1] is not clamp:
@@ -166,38 +165,39 @@ class ModelParameter:
 @final
 @dataclass(frozen=True)
 class LoadParameter:
-    """A load that acts at present.
+    """An active load as a parameter.
 
     Args:
-        name: of it.
+        name: kind, with the name of the chamber or cable.
         kind: pressure_Pa, cable_tension_N, cable_length_m or gas_mass_kg.
-        place: of its chamber or cable.
+        index: of its chamber or cable.
     """
 
     name: str
     kind: str
-    place: int
+    index: int
 
     @property
     def unit(self) -> str:
-        """As people write it."""
+        """Unit for people."""
         return unit_text(unit_of(self.kind))
 
     def value_in(self, loads: Loads, chambers: int) -> float:
         """Return its value.
 
         Raises:
-            InputError: it is not what is commanded there.
+            InputError: it is not commanded.
         """
-        found = _read(self.kind, loads, chambers)[self.place] if _read(self.kind, loads, chambers) else None
-        if found is None:
+        values = _commanded(self.kind, loads, chambers)
+        value = values[self.index] if values else None
+        if value is None:
             raise InputError(
-                f"{self.name}: is not given at this equilibrium, but follows from it; {_OTHER[self.kind]}"
+                f"{self.name}: is not commanded at this equilibrium, but a result; {_OTHER[self.kind]}"
             )
-        return found
+        return value
 
     def moves(self, model: StaticModel) -> Moves:
-        """Return what moves it at an equilibrium."""
+        """Return the difference quotient of the load, as a function of equilibrium and clamp."""
 
         def moves(here: Equilibrium, clamp: Clamp) -> Moved:
             loads = here.loads
@@ -212,32 +212,32 @@ class LoadParameter:
         return moves
 
     def step_options(self, options: StepOptions, offset: float) -> StepOptions:
-        """Return how ticks are solved where it is moved, by whatever offset: as they were."""
+        """Return the options of a tick, which do not depend on loads."""
         return options
 
     def changed(self, loads: Loads, value: float, model: StaticModel) -> Loads:
-        """Return loads with another value of it."""
-        return with_load(loads, self.kind, self.place, value, len(model.chambers))
+        """Return loads with another value of this one."""
+        return with_load(loads, self.kind, self.index, value, len(model.chambers))
 
 
 AnyParameter: TypeAlias = ModelParameter | LoadParameter
 
 
-def with_load(loads: Loads, kind: str, place: int, value: float, chambers: int) -> Loads:
+def with_load(loads: Loads, kind: str, index: int, value: float, chambers: int) -> Loads:
     """Return loads with one of them changed.
 
     Args:
-        loads: before.
+        loads: previous loads.
         kind: of the load, see `LoadParameter`.
-        place: of its chamber or cable.
-        value: of it.
-        chambers: how many there are.
+        index: of its chamber or cable.
+        value: new value.
+        chambers: number of chambers.
     """
     if kind == "gas_mass_kg":
         gas = loads.gases(chambers)
-        return replace(loads, gas=_with(gas, place, _sealed(gas[place]).with_mass(value)))
+        return replace(loads, gas=_with(gas, index, _sealed(gas[index]).with_mass(value)))
     values: Any = loads.pressures(chambers) if kind == "pressure_Pa" else getattr(loads, kind)
-    changed: dict[str, Any] = {kind: _with(values, place, value)}
+    changed: dict[str, Any] = {kind: _with(values, index, value)}
     return replace(loads, **changed)
 
 
@@ -246,12 +246,12 @@ def _sealed(gas: Any) -> Any:
     return gas
 
 
-def _with(values: tuple[Any, ...], place: int, value: Any) -> tuple[Any, ...]:
-    return (*values[:place], value, *values[place + 1 :])
+def _with(values: tuple[Any, ...], index: int, value: Any) -> tuple[Any, ...]:
+    return (*values[:index], value, *values[index + 1 :])
 
 
-def _read(kind: str, loads: Loads, chambers: int) -> tuple[float | None, ...]:
-    """Return the values of a kind of loads that are given; None where they are not."""
+def _commanded(kind: str, loads: Loads, chambers: int) -> tuple[float | None, ...]:
+    """Return the values of a kind of loads; None for each that is not commanded."""
     gases, lengths = loads.gases(chambers), loads.cable_length_m or (None,) * len(loads.cable_tension_N)
     if kind == "pressure_Pa":
         pairs = zip(gases, loads.pressures(chambers), strict=True)
@@ -265,7 +265,7 @@ def _read(kind: str, loads: Loads, chambers: int) -> tuple[float | None, ...]:
 
 
 def parameters_of(names: Sequence[ParameterName], model: StaticModel) -> list[AnyParameter]:
-    """Return parameters by name; `pressure_Pa` alone is that of every chamber, and so on.
+    """Return parameters by name; a name without chamber or cable, such as "pressure_Pa", means all of them.
 
     Raises:
         InputError: there is no such parameter.
@@ -297,21 +297,21 @@ def _found(name: ParameterName, model: StaticModel) -> Iterator[AnyParameter]:
     known = model.chambers if own == "chamber" else model.cables
     if of and of not in known:
         raise InputError(f"{keys[0]}: {unknown_name_message(own, of, known)}")
-    for place, each in enumerate(known):
+    for index, each in enumerate(known):
         if of in ("", each):
-            yield LoadParameter(f"{kind}.{each}", kind, place)
+            yield LoadParameter(f"{kind}.{each}", kind, index)
 
 
 def shared(keys: Sequence[str], value: float) -> dict[str, float]:
-    """Return what keys that share a value are set to: one with a minus before it to the opposite."""
+    """Return the values of keys with a common value; a key with a minus before it has the opposite."""
     return {key.removeprefix("-"): -value if key.startswith("-") else value for key in keys}
 
 
 def value_at(scenario: Scenario, key: str) -> float:
-    """Return the number at a key path of a scenario; an entry of a list of numbers by its place from 1.
+    """Return the number at a key path of a scenario; entries of a list of numbers count from 1.
 
     Raises:
-        InputError: no number is there.
+        InputError: there is no number at the path.
     """
     here: Any = to_table(scenario)
     if isinstance(scenario.soft_robot, GivenBodyTable):
@@ -341,12 +341,12 @@ def with_values(scenario: Scenario, values: dict[str, float]) -> Scenario:
     """Return a scenario with other numbers at some key paths.
 
     Raises:
-        ScenarioError: they are not allowed.
+        ScenarioError: the numbers are not allowed.
     """
     changes, table = dict[str, Any](), None
     for key, value in values.items():
-        parent, places = _listed(key)
-        if not places:
+        parent, indices = _listed(key)
+        if not indices:
             changes[key] = value
             continue
         table = to_table(scenario) if table is None else table  # a list of numbers is set as a whole
@@ -356,18 +356,18 @@ def with_values(scenario: Scenario, values: dict[str, float]) -> Scenario:
                 here = _entry(here, part)
             changes[parent] = deepcopy(here)
         entry = changes[parent]
-        for place in places[:-1]:
-            entry = entry[place]
-        entry[places[-1]] = value
+        for index in indices[:-1]:
+            entry = entry[index]
+        entry[indices[-1]] = value
     return load_scenario(scenario, changes)
 
 
 def _listed(key: str) -> tuple[str, list[int]]:
-    """Return the path of a list, and the places from 0 of a number in it; none of a key that is no entry."""
-    parts, places = key.split("."), list[int]()
+    """Return the path of a list, and the indices of a number in it; no indices if the key is no entry."""
+    parts, indices = key.split("."), list[int]()
     while parts[-1].isdecimal():
-        places.insert(0, int(parts.pop()) - 1)
-    return ".".join(parts), places
+        indices.insert(0, int(parts.pop()) - 1)
+    return ".".join(parts), indices
 
 
 def _last(key: str) -> str:
@@ -375,7 +375,7 @@ def _last(key: str) -> str:
 
 
 def _sided(made: Callable[[float], Any], step: float, name: str) -> list[tuple[float, float, float, Any]]:
-    """Return offset, weight, second weight and what is made of it, for each side of a difference quotient."""
+    """Return offset, weight, second weight and model for each side of a difference quotient."""
     reason: InputError | None = None
     for scheme in (_CENTRAL, _FORWARD, _BACKWARD):
         try:
@@ -395,12 +395,12 @@ def _check_alike(one: SoftBody, other: SoftBody, name: str) -> None:
     same = one.nodes == other.nodes and np.array_equal(one.triangles, other.triangles)
     if not same or one.memory_places != other.memory_places or not np.array_equal(one.base, other.base):
         raise InputError(
-            f"{name}: the mesh gets other nodes or triangles as it changes, so nothing is smooth in it"
+            f"{name}: nodes or triangles of the mesh change with it, so results are not smooth in it"
         )
 
 
 def _redrawn_clamp(clamp: Clamp, drawn: SoftBody, changed: SoftBody) -> Clamp:
-    """Return a clamp that holds nodes where a changed body has them, where it held them as drawn."""
+    """Return a clamp with the drawn positions of a changed body, for nodes that were held as drawn."""
     if np.array_equal(drawn.positions, changed.positions):
         return clamp
     as_drawn = (clamp.offsets == drawn.positions[clamp.nodes]).all(axis=1)
@@ -411,7 +411,7 @@ def _redrawn_clamp(clamp: Clamp, drawn: SoftBody, changed: SoftBody) -> Clamp:
 def _redrawn_loads(
     same: bool, here: Equilibrium, changed: FilmPotential, law: FilmContactLaw | None
 ) -> Loads:
-    """Return loads with the areas that a changed body presses on itself with, unless it is drawn the same."""
+    """Return loads with the self-contact areas of a changed body, unless its drawn shape is the same."""
     loads = here.loads
     if same or loads.self_contact is None or law is None:
         return loads

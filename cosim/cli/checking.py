@@ -100,12 +100,12 @@ def _check_built(path: Path) -> str:
 def _check_search(path: Path, of_curves: bool) -> str:
     """Check the file of `cosim identify` (with curves) or `cosim design`; return as `_check_built` does."""
     # imported here, as few files need them
-    from cosim.bench import design, equilibria
+    from cosim.bench import design_problem, equilibria
     from cosim.config.benches import load_bench, load_design_study
 
     try:
         if not of_curves:
-            design.DesignProblem(load_design_study(path))
+            design_problem.DesignProblem(load_design_study(path))
             return ""
         equilibria.Curves(*load_bench(path))
     except ScenarioError:

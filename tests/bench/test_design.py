@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.bench.design import DesignProblem, DesignTask, design, design_lines, solve_choice
+from cosim.bench.design import DesignTask, design, design_lines, solve_choice
+from cosim.bench.design_problem import DesignProblem
 from cosim.bench.page import write_designs
 from cosim.config.benches import DesignStudyTable, load_design_study
 from cosim.config.loading import load_soft_robot

@@ -10,9 +10,10 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array
-from cosim.bench.checks import identifiability, oddities
 from cosim.bench.equilibria import Curves
 from cosim.bench.fitting import Fit, Identified, identify, spread_of
+from cosim.bench.identifiability import identifiability
+from cosim.bench.oddities import oddities
 from cosim.bench.page import page_text, series_lines, write_results
 from cosim.config.benches import BenchTable, Series, SeriesTable, UnknownTable, load_bench
 from cosim.config.loading import load_soft_robot
@@ -116,8 +117,8 @@ def test_a_product_is_told_apart_from_its_factors() -> None:
     assert [each.text for each in check.directions] == [
         "film.young_modulus_Pa * film.thickness_m", "film.young_modulus_Pa * film.thickness_m^-1.00",
     ]  # fmt: skip
-    assert [each.told for each in check.directions] == [True, False]
-    assert "the data cannot tell film.young_modulus_Pa from film.thickness_m" in check.advice[0]
+    assert [each.determined for each in check.directions] == [True, False]
+    assert "the data cannot distinguish film.young_modulus_Pa from film.thickness_m" in check.advice[0]
     assert not check.good
 
 
@@ -139,7 +140,7 @@ MODEL = 0.01 * np.sqrt(np.arange(1.0, 8.0))
         (1300.0 * MODEL, {}, "near 1000 (kilo): is it in another unit"),
         (5.0 - MODEL, {"volume_ml": 1.1 * MODEL}, "the numbers of column 'volume_ml': are the two swapped?"),
         (-1.2 * MODEL, {"volume_ml": 2.0 * MODEL}, "with the other sign: does its axis point the other way?"),
-        (0.02 - MODEL, {}, "does not go with the model (correlation -1.00)"),
+        (0.02 - MODEL, {}, "does not agree with the model (correlation -1.00)"),
         (4.0 * MODEL, {}, "is 4 times the model: is it another quantity"),
     ],
 )

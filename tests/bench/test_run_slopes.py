@@ -106,5 +106,5 @@ def test_what_has_no_derivative_in_time_is_refused(
     with pytest.raises(cosim.InputError, match=message):
         cosim.sensitivity("bending_angle", ["pressure_Pa"], [output], overrides=BEGIN | changes)
     statics = {**BEGIN, "mode": "quasistatic", "phase": [SWING | {"increments": 2}]}
-    with pytest.raises(cosim.InputError, match=r"solver.damping_per_s: acts in time alone"):
+    with pytest.raises(cosim.InputError, match=r"solver.damping_per_s: has an effect only in time"):
         cosim.sensitivity("bending_angle", ["solver.damping_per_s"], ["length_m"], overrides=statics)

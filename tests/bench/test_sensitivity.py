@@ -13,7 +13,7 @@ import pytest
 import cosim
 from cosim.app.simulation import stepped_run
 from cosim.base.frames import Array
-from cosim.bench.equilibria import OutputShape, Slopes, outputs_of, read
+from cosim.bench.outputs import OutputShape, Slopes, outputs_of, read
 from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, value_at, with_values
 from cosim.build.options import fidelity_body, static_options
 from cosim.config.loading import load_scenario
