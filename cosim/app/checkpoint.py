@@ -23,7 +23,7 @@ from cosim.base.files import changed_file
 from cosim.base.frames import Array
 from cosim.base.identity import code_identity
 from cosim.base.state_checks import check_indices, check_state
-from cosim.base.writing import unfinished_files
+from cosim.base.whole_files import unfinished_files
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.telemetry.snapshot import RunInfo, Snapshot

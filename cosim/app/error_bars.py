@@ -13,7 +13,7 @@ from cosim.app.run_files import PHASE_ENDS, SCENARIO
 from cosim.base import state_file
 from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import is_file
-from cosim.base.state import check_indices, check_state
+from cosim.base.state_checks import check_indices, check_state
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError

@@ -29,7 +29,7 @@ from types import TracebackType
 from typing import Any, TextIO, final
 
 from cosim.base import state_file
-from cosim.base.writing import unfinished_files, write_whole
+from cosim.base.whole_files import unfinished_files, write_whole
 from cosim.config.loading import scenario_text
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError, OutputError

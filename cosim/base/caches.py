@@ -18,7 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final, TypeVar
 
-from cosim.base import writing
+from cosim.base import whole_files
 
 KERNELS, PLANS, SECTION_MODELS = KINDS = ("kernels", "plans", "section_models")
 VARIABLE: Final = "COSIM_CACHE_DIR"
@@ -101,7 +101,7 @@ def store(kind: str, name: str, data: bytes) -> None:
         with suppress(OSError):
             for parent in (folder, path.parent):
                 parent.mkdir(mode=_mode(), parents=True, exist_ok=True)
-            with writing.whole_file(path) as file:
+            with whole_files.whole_file(path) as file:
                 file.write(_MARK + sha256(data).hexdigest().encode() + b"\n" + data)
         _trim(kind, len(data))
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from cosim.base import caches, writing
+from cosim.base import caches, whole_files, writing
 from cosim.base.state import entries, field_names, is_record
 from cosim.errors import InputError
 
@@ -53,7 +53,7 @@ def save(target: Path | BinaryIO, tree: Any, header: Mapping[str, Any] | None = 
         "state": _encoded(tree, "state", arrays),
     }
     text = np.frombuffer(json.dumps(structure).encode(), dtype=np.uint8)
-    with writing.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
+    with whole_files.whole_file(target) if isinstance(target, Path) else nullcontext(target) as file:
         np.savez(file, allow_pickle=False, **{_STRUCTURE: text}, **dict(arrays.values()))
 
 

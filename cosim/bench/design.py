@@ -72,7 +72,7 @@ class _Local:
         self._bends = np.zeros((len(self.reached), len(here), len(here)))
 
     def learn(self, step: Array, slopes: Array) -> None:
-        """Update the curvatures from the slopes (1 + limits, parameters) after a step (symmetric rank one)."""
+        """Update the curvatures from slopes (1 + limits, parameters) after a step (symmetric rank one)."""
         for bend, change in zip(self._bends, slopes - self.slopes, strict=True):
             left = change - bend @ step
             along = float(left @ step)

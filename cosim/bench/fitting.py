@@ -207,7 +207,7 @@ class Fit:
         return np.asarray(np.diag(slope / self.prior_sd)[np.isfinite(self.prior_sd)])
 
     def information(self, fitted: Array) -> Array:
-        """Return derivatives (rows, parameters) of data and priors; offsets of relative series are unknown."""
+        """Return derivatives (rows, parameters) of data and priors, with unknown offsets of series."""
         rows = self.scaled(fitted)
         for of_series in self._zeros > 0.0:
             rows[of_series] -= rows[of_series & self.rows].mean(axis=0)

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import tomli_w
 
-from cosim.base import writing
+from cosim.base import whole_files, writing
 from cosim.base.frames import Array
 from cosim.bench import design, equilibria, fitting, parameters
 from cosim.config.loading import to_table
@@ -152,7 +152,7 @@ def _written(directory: Path, robot: str, page: tuple[str, str]) -> list[Path]:
         directory.mkdir(parents=True, exist_ok=True)
     for path, text in zip(paths, (page[1], robot), strict=True):
         with writing.writing(path):
-            writing.write_whole(path, text)
+            whole_files.write_whole(path, text)
     return paths
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from cosim.base import resources, writing
-from cosim.base.writing import write_whole
+from cosim.base.whole_files import write_whole
 from cosim.build.arms import find_arm
 from cosim.config import arm_files
 from cosim.config.json_schema import Kind, json_schema

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cosim.base import resources, writing
+from cosim.base import resources, whole_files, writing
 from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
 from cosim.base.frames import in_mm
 from cosim.build.patterns import cut_pattern
@@ -288,8 +288,8 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
         if path.exists():
             raise InputError(f"new {name}: {path} is there and is not overwritten")
     with writing.writing(robot):
-        writing.write_whole(robot, text)
-        writing.write_whole(scenario, SCENARIO.format(name=name))
+        whole_files.write_whole(robot, text)
+        whole_files.write_whole(scenario, SCENARIO.format(name=name))
     print(f"{robot} and {scenario} written; set the film in {robot}, then: cosim run {scenario}")
 
 

@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from cosim.base import writing
+from cosim.base import whole_files, writing
 from cosim.config.loading import is_scenario
 from cosim.config.toml import old_keys, reading
 from cosim.errors import ScenarioError
@@ -45,7 +45,7 @@ def upgrade_file(path: Path) -> int:
                 str(path), f"is read-only and not upgraded; allow it first: chmod u+w {path.resolve()}"
             )
         with writing.writing(path):
-            writing.rewrite(path, new.encode("utf-8"))
+            whole_files.rewrite(path, new.encode("utf-8"))
     return count
 
 

@@ -9,7 +9,8 @@ from typing import Any, final
 
 import rerun as rr
 
-from cosim.recording.blueprint import RunViews, blueprint, path_of_arm
+from cosim.recording.blueprint import RunViews, blueprint
+from cosim.recording.entity_paths import path_of_arm
 
 _RIGID = "/world/rigid/"
 

@@ -3,20 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Final, final
+from typing import final
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from cosim.recording.colours import BACKGROUND
+from cosim.recording.entity_paths import FOLLOW, TIMELINE, TIP_PATH, path_of_arm
 from cosim.recording.eyes import Eye
 from cosim.recording.plots import Plot
 from cosim.recording.stress_legend import LEGEND_X, LEGEND_Y, PATH
-
-TIMELINE: Final = "sim_time"
-TICKS: Final = "tick"
-FOLLOW: Final = "/world/follow"
-TIP_PATH: Final = "/world/soft/tip_path"
 
 
 @final
@@ -37,20 +33,6 @@ class RunViews:
     close: Eye
     cameras: Sequence[tuple[str, ...]] = ()
     arm: str = ""
-
-
-def path_of_arm(arm: str, path: str) -> str:
-    """Return the path of an entity in a recording of several arms: entities of one arm begin with its name.
-
-    Args:
-        arm: name of the arm; empty if it is the only one.
-        path: of the entity in a recording of a single arm.
-    """
-    shared = path == "/world" or path.startswith(("/world/rigid/", PATH))
-    if not arm or shared:
-        return path
-    within = path.startswith("/world/")
-    return f"/world/{arm}/{path.removeprefix('/world/')}" if within else f"/{arm}{path}"
 
 
 def blueprint(arms: Sequence[RunViews], *, live: bool = False) -> rrb.Blueprint:

@@ -7,7 +7,7 @@ from typing import Final, final
 import numpy as np
 import rerun as rr
 
-from cosim.recording.blueprint import TICKS, TIMELINE
+from cosim.recording.entity_paths import TICKS, TIMELINE
 from cosim.telemetry import cameras
 from cosim.telemetry.snapshot import CameraImage, RunInfo
 

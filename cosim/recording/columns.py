@@ -7,7 +7,7 @@ from typing import Any
 import rerun as rr
 
 from cosim.base.frames import IntArray
-from cosim.recording.blueprint import TICKS, TIMELINE
+from cosim.recording.entity_paths import TICKS, TIMELINE
 
 
 def column(archetype: Any, field: str, batch: Any, lengths: IntArray | None = None) -> rr.ComponentColumn:

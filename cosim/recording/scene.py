@@ -10,8 +10,8 @@ from rerun import components
 
 from cosim.base.frames import Array, IntArray
 from cosim.recording import colours
-from cosim.recording.blueprint import FOLLOW
 from cosim.recording.columns import column
+from cosim.recording.entity_paths import FOLLOW
 from cosim.recording.eyes import close_eye, soft_size
 from cosim.recording.film_colours import MembraneColours
 from cosim.recording.lines import crease_lines, send_lines, style_lines

@@ -9,8 +9,8 @@ from rerun import components
 
 from cosim.base.frames import Array, IntArray
 from cosim.recording import colours
-from cosim.recording.blueprint import TIP_PATH
 from cosim.recording.columns import column
+from cosim.recording.entity_paths import TIP_PATH
 from cosim.recording.lines import send_lines, style_lines
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -25,7 +25,8 @@ import numpy as np
 from cosim._version import __version__
 from cosim.base.column import Column
 from cosim.base.frames import Array
-from cosim.base.writing import whole_file, writing
+from cosim.base.whole_files import whole_file
+from cosim.base.writing import writing
 from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision

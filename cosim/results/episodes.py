@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from cosim.base.frames import Array
 from cosim.base.video import encoded, encoder
-from cosim.base.writing import whole_file, write_whole, writing
+from cosim.base.whole_files import whole_file, write_whole
+from cosim.base.writing import writing
 from cosim.errors import InputError
 from cosim.results.result import COLUMNS, RunResult, frame_rows
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from cosim.base import resources, writing
+from cosim.base import resources, whole_files, writing
 from cosim.base.frames import Array, IntArray
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
@@ -52,7 +52,7 @@ def write_csv(result: RunResult, path: Path) -> None:
             heads = [f"{name}{unit}"]
         values = np.ascontiguousarray(array.reshape(len(array), len(heads)).T)
         columns.update(zip(heads, map(pa.array, values), strict=True))
-    with writing.writing(path), writing.whole_file(path) as file:
+    with writing.writing(path), whole_files.whole_file(path) as file:
         csv.write_csv(pa.table(columns), file, csv.WriteOptions(quoting_style="none"))
 
 
@@ -91,7 +91,7 @@ def write_film(
     for name, text in zip((*names, COLLECTION), (*texts, listed), strict=True):
         claim(name)
         with writing.writing(folder / name):
-            writing.write_whole(folder / name, text)
+            whole_files.write_whole(folder / name, text)
     return [folder / COLLECTION, *(folder / name for name in names)]
 
 
@@ -450,7 +450,7 @@ class JointTable:
         made = {CSV: self.csv_text, URSCRIPT: self.urscript_text, TRAJECTORY: self.trajectory_text}
         text = made[path.suffix]()
         with writing.writing(path):
-            writing.write_whole(path, text)
+            whole_files.write_whole(path, text)
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

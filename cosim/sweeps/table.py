@@ -23,7 +23,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, final
 
 from cosim.base.resources import is_file
-from cosim.base.writing import whole_file, writing
+from cosim.base.whole_files import whole_file
+from cosim.base.writing import writing
 from cosim.config.plugins import module_of_file
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import unit_of, unit_text

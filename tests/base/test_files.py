@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base.files import files_read, read_file
-from cosim.base.writing import rewrite
+from cosim.base.whole_files import rewrite
 
 
 def test_blocks_around_one_that_reads_get_its_files_as_well(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ def test_what_a_check_leaves_to_runs_is_told(
     Path("mine.toml").write_text(f'fidelity = "section"\nplan.collision = "refuse"\n{text}')
     assert main(["check", "mine.toml"]) == 0
     assert capsys.readouterr().out == (
-        "mine.toml: fine; only a run shows: whether the tip can follow phase 'lift'; whether the way is "
-        "clear (plan.collision); whether the film has a section model (fidelity)\n"
+        "mine.toml: fine; only a run shows: whether the tip can follow phase 'lift'; whether the planned "
+        "motion is free of collisions (plan.collision); whether the film has a section model (fidelity)\n"
     )
 
 

@@ -126,5 +126,5 @@ def test_a_kind_is_named_and_only_one_class_has_it(folder: Path) -> None:
 
 def test_types_of_values_are_found_where_they_were_with_a_warning() -> None:
     with pytest.warns(DeprecationWarning, match="import Positive from cosim.config.toml.quantities"):
-        from cosim.config.toml.quantities import Positive
+        from cosim.config.toml.keys import Positive
     assert Positive is quantities.Positive

@@ -1,4 +1,6 @@
-"""Layout of the coefficients of a section's energy: polynomial, functions of gaps, limits of the strains."""
+"""Layout of the coefficients of a section's energy: polynomial, functions of gaps, and limits of the strains.
+Kernels (`cosim.base.kernels`) read these constants.
+"""
 
 from typing import Final
 
