@@ -23,27 +23,27 @@ from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import equilibrium, newton_options, self_contact, state
 from cosim.soft.solve.newton import NewtonSolver
 
-_RIDGE = 1e-5  # of coefficients scaled by what they do in the samples: what those leave open stays small
-# of what few samples on a refined mesh add to the coefficients of the coarse one, and how much more of each
-# degree, which few samples tell less of
+_RIDGE = 1e-5  # penalty on coefficients, scaled by their effect in the samples
+# penalty on corrections of the coarse model by few samples on a refined mesh, and its factor for each degree,
+# as few samples determine high degrees less
 _FINER_RIDGE, _FINER_RISE = 0.1, 3.0
 # weight of second differences over pressure; of the first one, where films with little gas hardly resist
 _SMOOTHING, _FIRST_SMOOTHING = 3e-4, 1e-3
-_HELD_OUT = 8  # of so many samples one is not fitted
+_HELD_OUT = 8  # one of so many samples is not fitted, but tests the fit
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
-_ALIKE = 1e-2  # of lengths of sections
-_LEAST_SCALE = 3e-2  # of a function of gaps, over its largest at any pressure
-_LEAST_SHARE = 0.1  # of the usual size: what is smaller counts as this
+_ALIKE = 1e-2  # relative difference of equal sections
+_LEAST_SCALE = 3e-2  # of a function of gaps, over its largest scale at any pressure
+_LEAST_SIZE = 0.1  # of a force, over the usual size, in weights
 _BEYOND = 0.15  # of the sampled range of lengths, on either side
-_FARTHEST_BEND = 1.25  # over the largest sampled
+_FARTHEST_BEND = 1.25  # over the largest sampled bend
 LARGEST_PRESSURE_Pa: Final = 45e3
-"""Working range of pressure, unless more is asked for."""
+"""Default end of the working range of pressure."""
 METHOD: Final = 8
-"""Counts changes of the method that make older models worthless."""
+"""Number of the method; a new one makes models in the cache obsolete."""
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
-_SHARES = (0.2, 0.4, 0.65, 0.9)  # of the largest pressure, where the model is compared
+_COMPARED = (0.2, 0.4, 0.65, 0.9)  # pressures of the comparison over the largest one
 _LEANS_rad = (0.0, 0.4, 0.8)
 _PULL_OF_WEIGHT = 0.5
 
@@ -54,11 +54,11 @@ def fit_model(
     """Return the model of a stack of units.
 
     Args:
-        samples: over its working range.
+        samples: of the stack, over its working range.
         frames: of its rings.
-        spline: basis over that range of pressure.
-        coarse: model of the same stack on a coarser mesh, which has its range and its energy but for what
-            the samples change; None: the samples alone decide.
+        spline: basis over the range of pressure.
+        coarse: model of the same stack on a coarser mesh; its range is adopted, and its energy is corrected
+            by the samples. None: the samples determine all.
     """
     over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
     levels = np.unique(samples.pressure_Pa)
@@ -87,38 +87,38 @@ def fit_model(
 
 
 def _is_held_out(samples: Samples) -> Mask:
-    """Return which samples (m,) are not fitted."""
+    """Return which samples (m,) are left out of the fit."""
     return np.arange(len(samples.pressure_Pa)) % _HELD_OUT == _HELD_OUT - 1
 
 
 def _held_out(samples: Samples, off: Array) -> Array:
-    """Return the errors (pressures, 5, 2) of forces that were not fitted, see `SectionModel.held_out`.
+    """Return the errors (pressures, 5, 2) of forces in held-out samples, see `SectionModel.held_out`.
 
     Args:
-        samples: of which one of `_HELD_OUT` is not fitted.
-        off: (m, s, 6), by what a section's forces are off.
+        samples: all samples.
+        off: (m, s, 6), errors of the forces of sections.
     """
-    # the free shape bears no forces, and tells nothing
+    # samples of the free shape, without forces, are ignored
     apart, rows = _is_held_out(samples) & samples.force.any(axis=(1, 2)), []
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
         row = [level]
         for group in _GROUPS:
             usual = float(np.sqrt((samples.force[here][:, :, group] ** 2).sum(axis=2).mean()))
-            share = np.linalg.norm(off[here & apart][:, :, group], axis=2) / max(usual, 1e-12)
-            row += [float(np.median(share)), float(share.max())] if share.size else [np.nan, np.nan]
+            error = np.linalg.norm(off[here & apart][:, :, group], axis=2) / max(usual, 1e-12)
+            row += [float(np.median(error)), float(error.max())] if error.size else [np.nan, np.nan]
         rows.append(row)
     return np.array(rows)
 
 
 def _limits(samples: Samples, length: Array, over: Array) -> Array:
-    """Return splines (size, s, 3) of the limits: how far beyond its samples a section may go."""
-    place = samples.strain[:, :, 2] / (over @ length) - 1.0
+    """Return splines (size, s, 3) of the limits of a section's strains, a little beyond its samples."""
+    stretch = samples.strain[:, :, 2] / (over @ length) - 1.0
     bend = (samples.strain[:, :, 3:5] ** 2).sum(axis=2)
     rows = []
     for level in np.unique(samples.pressure_Pa):
         here = samples.pressure_Pa == level
-        low, high = place[here].min(axis=0), place[here].max(axis=0)
+        low, high = stretch[here].min(axis=0), stretch[here].max(axis=0)
         margin = _BEYOND * (high - low)
         rows.append(
             np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1)
@@ -129,7 +129,7 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
 
 
 def _alike(rims: Array, length_m: Array) -> list[list[int]]:
-    """Return sections that share one energy: those between squares, of one size and length."""
+    """Return groups of sections with one energy: sections between squares of equal size and length."""
     groups: list[list[int]] = []
     for s, rim in enumerate(rims):
         for group in groups:
@@ -145,13 +145,13 @@ def _alike(rims: Array, length_m: Array) -> list[list[int]]:
 @final
 @dataclass(frozen=True)
 class _Start:
-    """What a fit begins with.
+    """Initial values of a fit.
 
     Args:
-        over: (m, size), the spline's functions at the samples.
+        over: (m, size), functions of the spline at the samples.
         length: (size, s) [m], L.
-        known: (size, s, COEFFICIENTS), to which no more is added than samples need.
-        ridge: (COEFFICIENTS,), how much that costs.
+        known: (size, s, COEFFICIENTS), coefficients from which the fit deviates as little as possible.
+        ridge: (COEFFICIENTS,), penalty on a deviation.
         rims: (s, n, 2) [m], see `RingFrames.rims`.
     """
 
@@ -170,27 +170,27 @@ class _Start:
         return values, gradients
 
     def rows(self, samples: Samples, s: int) -> Array:
-        """Return (m, 6, size (c - 1)): forces of a section by coefficients, but for the constant term."""
+        """Return derivatives (m, 6, size (c - 1)) of a section's forces by all but the constant coefficient."""
         gradients = self.terms(samples, s)[1][:, :, None, 1:]
         return np.asarray((gradients * self.over[:, None, :, None]).reshape(len(self.over), 6, -1))
 
 
 def _fit_sections(samples: Samples, group: list[int], start: _Start) -> tuple[Array, Array]:
-    """Return coefficients (size, 1, c) that sections share, and by what forces (m, g, 6) are off."""
+    """Return common coefficients (size, 1, c) of sections, and errors of their forces (m, g, 6)."""
     size, known = start.over.shape[1], start.known[:, group[0]]
-    kept, unknown = ~_is_held_out(samples), size * (COEFFICIENTS - 1)
+    fitted, unknown = ~_is_held_out(samples), size * (COEFFICIENTS - 1)
     normal, load = np.zeros((unknown, unknown)), np.zeros(unknown)
-    left = np.empty((len(kept), len(group), 6))
+    left = np.empty((len(fitted), len(group), 6))
     for k, s in enumerate(group):
         rows, force = start.rows(samples, s), samples.force[:, s]
         left[:, k] = force - rows @ known[:, 1:].ravel()
         weight = _weights(samples.pressure_Pa, force)
-        matrix = (rows * weight[:, :, None])[kept].reshape(-1, unknown)
+        matrix = (rows * weight[:, :, None])[fitted].reshape(-1, unknown)
         normal += matrix.T @ matrix
-        load += matrix.T @ (left[:, k] * weight)[kept].ravel()
-    count = 6 * int(kept.sum()) * len(group)
+        load += matrix.T @ (left[:, k] * weight)[fitted].ravel()
+    count = 6 * int(fitted.sum()) * len(group)
     scale = np.sqrt(np.diag(normal) / count).reshape(size, -1)
-    # functions of gaps that no sample at a pressure reaches stay near those at the next one
+    # a function of gaps without samples at a pressure remains close to that at the next pressure
     gaps = scale[:, POLYNOMIAL - 1 :]
     np.maximum(gaps, _LEAST_SCALE * gaps.max(axis=0), out=gaps)
     scale = scale.ravel() + 1e-100
@@ -204,9 +204,9 @@ def _fit_sections(samples: Samples, group: list[int], start: _Start) -> tuple[Ar
 
 
 def _roughness(scale: Array, size: int) -> Array:
-    """Return the penalty on second differences over pressure, of coefficients times their scale.
+    """Return the penalty matrix on second differences over pressure, of coefficients times their scale.
 
-    Splines with many knots then do not swing between samples.
+    It avoids oscillations of splines with many knots between samples.
     Source: Eilers and Marx, Statistical Science 11 (1996) 89.
     """
     terms = len(scale) // size
@@ -223,9 +223,9 @@ def _roughness(scale: Array, size: int) -> Array:
 
 
 def _weights(pressure: Array, force: Array) -> Array:
-    """Return weights (m, 6): one over the size of shear forces, bending moments and so on of each sample.
+    """Return weights (m, 6), the inverse sizes of shear force, tension, bending moment and twist of a sample.
 
-    Small ones count as much as large ones: what a section resists them with decides on its stability.
+    So small loads have the same influence as large ones. The stiffness at small loads determines stability.
     """
     weight = np.empty_like(force)
     for level in np.unique(pressure):
@@ -233,13 +233,13 @@ def _weights(pressure: Array, force: Array) -> Array:
         for group in _GROUPS:
             size = np.linalg.norm(force[here][:, group], axis=1)
             usual = max(float(np.sqrt((size**2).mean())), 1e-12)
-            least = usual if group == [2] else _LEAST_SHARE * usual
+            least = usual if group == [2] else _LEAST_SIZE * usual
             weight[np.ix_(np.flatnonzero(here), np.array(group))] = (1.0 / np.hypot(size, least))[:, None]
     return weight
 
 
 def _fit_gas(samples: Samples, over: Array, energy: Array, start: _Start) -> Array:
-    """Return (size,): the potential whose negative slope is the volume that the sections leave out."""
+    """Return the potential (size,) whose negative slope is the volume that is not in the sections' energy."""
     left = samples.volume_m3.copy()
     for s in range(energy.shape[1]):
         reach = over[:, 0] @ start.length[:, s]
@@ -250,46 +250,48 @@ def _fit_gas(samples: Samples, over: Array, energy: Array, start: _Start) -> Arr
         slope = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], now[:, :POLYNOMIAL])
         along = slope * samples.strain[:, s, 2] / reach
         left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ start.length[:, s])
-    # the slope of a spline knows its coefficients up to a constant
+    # the slope of a spline determines its coefficients up to a constant
     return np.asarray(np.linalg.lstsq(-over[:, 1], left, rcond=None)[0])
 
 
 def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
-    """Return (size, n, 2, 4): nodes as combinations of the points of the frames beside them."""
+    """Return weights (size, n, 2, 4) of nodes as combinations of the points of the two frames beside them."""
     count, size = samples.positions.shape[1], over.shape[1]
     result = np.zeros((size, count, 2, 4))
     for s in range(len(frames) - 1):
         first, second = samples.frames[:, s], samples.frames[:, s + 1]
         for fraction, columns in ((0.0, [1, 2, 3]), (1.0, [5, 6, 7]), (None, [1, 2, 3, 4, 5, 6, 7])):
-            mine = frames.before == s
-            mine &= (
+            chosen = frames.before == s
+            chosen &= (
                 (frames.fraction == fraction)
                 if fraction is not None
                 else ((frames.fraction > 0.0) & (frames.fraction < 1.0))
             )
-            if not mine.any():
+            if not chosen.any():
                 continue
             origin = second[:, 0] if fraction == 1.0 else first[:, 0]
             features = np.concatenate(
                 [first[:, 1:], (second[:, 0] - first[:, 0])[:, None], second[:, 1:]], axis=1
             )[:, [c - 1 for c in columns]]
             rows = np.einsum("mk,mfr->mrkf", over, features).reshape(3 * len(over), -1)
-            wanted = (samples.positions[:, mine] - origin[:, None]).transpose(0, 2, 1).reshape(len(rows), -1)
+            wanted = (
+                (samples.positions[:, chosen] - origin[:, None]).transpose(0, 2, 1).reshape(len(rows), -1)
+            )
             normal = rows.T @ rows
             normal += 1e-7 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
             found = np.linalg.solve(normal, rows.T @ wanted).reshape(size, len(columns), -1)
-            weights = np.zeros((size, int(mine.sum()), 8))
+            weights = np.zeros((size, int(chosen.sum()), 8))
             weights[:, :, columns] = found.transpose(0, 2, 1)
             # partition of unity, for all pressures: the sum of the spline's functions is one
             weights[:, :, 0] = 1.0 - weights[:, :, 4]
             if fraction == 1.0:
                 weights[:, :, 0], weights[:, :, 4] = 0.0, 1.0
-            result[:, mine] = weights.reshape(size, -1, 2, 4)
+            result[:, chosen] = weights.reshape(size, -1, 2, 4)
     return _centred(result, frames)
 
 
 def _centred(nodes: Array, frames: RingFrames) -> Array:
-    """Return the combinations, changed so that rings made from them have exactly the frames given."""
+    """Return the weights, corrected so that the frames of rings are reproduced exactly."""
     for f, (ring, shape) in enumerate(zip(frames.rings, frames.shapes, strict=True), start=1):
         side = int(frames.before[ring[0]] != f)
         local = nodes[:, ring, side, 1:]
@@ -304,7 +306,7 @@ def _centred(nodes: Array, frames: RingFrames) -> Array:
 @final
 @dataclass(frozen=True)
 class Effort:
-    """How much is sampled: at so many pressures, so many bent poses at each, splines of so many intervals."""
+    """Number of sampled pressures, of bent poses at each, and of intervals of the splines."""
 
     levels: int = 14
     samples: int = 20
@@ -312,7 +314,7 @@ class Effort:
 
     @classmethod
     def of(cls, frames: RingFrames) -> "Effort":
-        """Return that of a stack; where square units touch changes with pressure, so they take more."""
+        """Return the numbers for a stack; square units need more, as their contact depends on pressure."""
         return cls(18, 45, 10) if frames.rims.size else cls()
 
 
@@ -329,10 +331,10 @@ def build_model(
     Args:
         body: one stack of units.
         largest_Pa: end of its range of pressure.
-        films: law of contact between its units; None where they pass through one another.
-        coarse: the same on a mesh whose every triangle `body` divides into four: all poses are sampled there,
-            and some of them followed from there to `body`; None: all poses are sampled on `body`.
-        effort: how much is sampled.
+        films: law of contact between its units; None without contact.
+        coarse: the same body on a coarse mesh; `body` divides every triangle into four. All poses are
+            sampled on it, and some of them are continued on `body`. None: all poses are sampled on `body`.
+        effort: number of samples; None for the default.
         folds: whether square units bend until they press flat on one another.
 
     Raises:
@@ -355,10 +357,11 @@ def build_model(
 
 
 def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLaw | None) -> Array:
-    """Return pressure [Pa], distance of the tips and length of the film [m] at some loads (k, 3).
+    """Compare film and model at loads that were not fitted; return pressure, error and length (k, 3).
 
-    The film leans by gravity to the side and is pulled by its first cable. Loads at which the film has no
-    equilibrium, or bends out of the model's range, are left out.
+    They are the pressure [Pa], the distance of the tips [m] and the length of the film [m]. The film bends
+    under lateral gravity and the tension of its first cable. Loads without an equilibrium of the film, or
+    beyond the model's range, are left out.
     """
     film = FilmPotential(body)
     clamp = state.Clamp.of_base(body)
@@ -373,7 +376,7 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
         state.SoftState.drawn(body, Pose()), Pose(), loads.Loads((), slack, (0.0, 0.0, 0.0))
     )
     tips = []
-    for pressure in (fraction * model.spline.largest_Pa for fraction in _SHARES):
+    for pressure in (fraction * model.spline.largest_Pa for fraction in _COMPARED):
         hanging = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))
         here = straight = solver.follow(straight, Pose(), hanging)
         for lean in _LEANS_rad:
@@ -390,7 +393,7 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
 
 
 def _tip_off(chain: ChainSolver, film: state.Equilibrium, pressure_Pa: float) -> list[tuple[float, float]]:
-    """Return the distance of the tips, infinite without an equilibrium, and the film's length [m], if any."""
+    """Return distance of the tips and length of the film [m]; empty out of range, infinite if not solved."""
     frames = chain.section.frames.fit(film.state.positions, Pose())
     if place_in_range(chain.section, frames, pressure_Pa).fraction > 1.0:
         return []

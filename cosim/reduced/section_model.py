@@ -110,7 +110,7 @@ class RingFrames:
         z = positions[:, 2]
         before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
         fraction = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
-        for f, ring in enumerate(rings, start=1):  # on its own frame, whatever rounding says of its height
+        for f, ring in enumerate(rings, start=1):  # exactly on its own frame, without rounding of its height
             before[ring], fraction[ring] = min(f, len(rings) - 1), float(f == len(rings))
         return cls(rings, shapes, drawn, np.arange(len(rings)), before.astype(np.int64), fraction)
 
@@ -189,8 +189,8 @@ class RingFrames:
     def measures(self, frames: Array) -> list[Array]:
         """Return for each ring the linear measure J (6, m, 3) of its frame's motion: (dr, phi) = J dx.
 
-        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T; its transpose spreads a
-        force and a moment over the ring so that they do no work on what the ring deforms.
+        phi = K^-1 sum_i R D_i x dx_i with K = sum_i |D_i|^2 1 - (R D_i)(R D_i)^T. Its transpose distributes a
+        force and a moment over the ring, so that they do no work on deformations of the ring.
 
         Args:
             frames: (f, 4, 3), orientations R.
@@ -224,9 +224,9 @@ class RingFrames:
         return result
 
     def masses(self, node_mass: Array, positions: Array) -> Array:
-        """Return the mass matrix (f, 4, 4) of each frame's points, nodes shared by the frames beside them.
+        """Return the mass matrix (f, 4, 4) of each frame's points; two frames divide the nodes between them.
 
-        A node's share sits in the plane of the frame: between two frames alike it then has its height.
+        The mass of a node is in the planes of the two frames, with its center of mass at the node's height.
 
         Args:
             node_mass: (n,) [kg].
@@ -287,7 +287,7 @@ class SectionModel:
         spline: over the range of pressure.
         energy: (size, s, COEFFICIENTS + 3), see `energy`; the last three are the limits.
         length: (size, s) [m], L of each section.
-        gas: (size,) [J], what the energies of the sections leave out of the gas' potential -int V dp.
+        gas: (size,) [J], part of the gas' potential -int V dp that is not in the energies of the sections.
         nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
         held_out: (p, 9), of each sampled pressure [Pa] the median and the largest error of the forces of each
             of `STRAINS`, at samples that were not fitted, over their root mean square there, of all sections.
@@ -406,7 +406,7 @@ class SectionBody:
         """Return the sealed gas of loads; None where its pressure is given.
 
         Raises:
-            InputError: there are copies, whose gases would have their own pressures.
+            InputError: there are copies, each with the pressure of its own gas.
         """
         if not loads.gas:
             return None

@@ -55,7 +55,7 @@ class ChainTask(NamedTuple):
 
     @property
     def inertia(self) -> InertiaTerm:
-        """Elastic bed that inertia is in the step, about places without velocity; none in statics."""
+        """Inertia of the step as an elastic term about the positions without velocity; none in statics."""
         if self.begin is None:
             return InertiaTerm(0.0, np.zeros_like(self.clamp.offsets))
         here, (base, target) = self.begin.motion, np.empty((2, *self.clamp.offsets.shape))
@@ -72,7 +72,7 @@ class ChainSolver:
     """Solves one section body; owns the workspace.
 
     Args:
-        section: what is solved.
+        section: body with its section model.
     """
 
     def __init__(self, section: SectionBody) -> None:
@@ -108,7 +108,7 @@ class ChainSolver:
         """Return the solution at given tensions.
 
         Args:
-            task: what is to be solved.
+            task: options, clamp and scheme of the solution.
             loads: that act.
             start: one of the leaf's, or frames (f, 4, 3).
             begin_Pa: gauge pressure to begin with, of sealed gas.

@@ -20,10 +20,10 @@ CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT, GOES_ON = range(6)
 OUTCOMES: Final = (
     Outcome.CONVERGED, Outcome.ITERATION_LIMIT, Outcome.NOT_FINITE, Outcome.INDEFINITE, Outcome.NO_DESCENT,
 )  # fmt: skip
-"""In the order of the leaf's numbers."""
+"""In the order of the numbers that the kernel returns."""
 FREE_FLIGHT, STANDING, CARRIED, GIVEN = 0, 1, 2, 3
-"""Where Newton's method starts: as if nothing acted, where the frames are, as if rigid on the flange, or from
-what is in the result already."""
+"""Start of Newton's method: free flight without forces, present frames, rigid motion with the flange, or the
+contents of the result array."""
 _SHIFT_START, _SHIFT_MAX = 0.05, 1e8  # [N/m]
 _STEP_MAX_M, _TURN_MAX = 0.05, 0.4
 _HALVINGS_MAX = 20
@@ -65,17 +65,17 @@ class ChainState:
 @final
 @dataclass(frozen=True)
 class ChainStep:
-    """Where a step ended, or an equilibrium.
+    """Result of a step, or an equilibrium.
 
     Args:
-        chain: there.
+        chain: final state.
         gradient: (f, 6) [N, N m] of the potential by (dr, phi) of each frame, inertia included.
         figures: of the chain, see `fill_figures`.
         outcome: how Newton's method ended.
         iterations: linear solves.
         residual_N: largest out-of-balance force of a free frame, or moment over its lever.
-        potential_J: there.
-        shifted: solves that met an indefinite tangent.
+        potential_J: potential of the final state.
+        shifted: number of solves with an indefinite tangent.
     """
 
     chain: ChainState
@@ -285,7 +285,7 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
 
 @device_function
 def _fill_carried(before: Blocks, after: Blocks, held: int, moved: Blocks) -> None:
-    """Fill moved (f, 4, 3): how far the motion of a held frame between two shapes carries the points."""
+    """Fill moved (f, 4, 3), the displacements of the points in a rigid motion with a held frame."""
     turn = small_matrix(3, 3)
     for r in range(3):
         for c in range(3):
@@ -326,7 +326,7 @@ def _follow_flange(side: ChainSide, ends: ChainEnds, bed: BedNumbers) -> None:
 
 @device_function
 def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
-    """Add what the flange bears of damping, M alpha (v - u), to the wrench in the figures."""
+    """Add the reaction of the flange to damping, M alpha (v - u), to the wrench in the figures."""
     frames, velocity, mass, along = ends.there[0], ends.there[1], side.chain.mass, side.work.along
     force, out = small_vector(3), ends.figures
     for f in range(frames.shape[0]):
@@ -348,14 +348,14 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
 def solve_chain(
     side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
-    """Find an equilibrium near the frames that are at the end, or take one step in time.
+    """Find an equilibrium near the frames in `ends`, or take one step in time.
 
     Args:
-        side: what is solved.
-        scheme: how.
-        ends: where it begins and ends.
-        start: of a step, such as FREE_FLIGHT.
-        reused: whether it begins with the factor of an earlier tangent.
+        side: chain, loads and clamp.
+        scheme: numbers of the time step and of Newton's method.
+        ends: arrays of the initial and the final state.
+        start: of Newton's method, such as FREE_FLIGHT.
+        reused: whether to begin with the factor of an earlier tangent.
 
     Returns:
         Outcome, iterations, residual [N], whether the factor that is left may be reused by the next solution,

@@ -44,7 +44,7 @@ def rigid_motion(arm: Array, moved: Array) -> Array:
 
 
 def rates_from_nodes(layout: RingFrames, frames: Array, moved: Array) -> Array:
-    """Return how the frames' points (f, 4, 3) move with the film's nodes; what the flange holds is at rest.
+    """Return the motion of the frames' points (f, 4, 3) with the film's nodes; held frames are at rest.
 
     Args:
         layout: which rings are frames.

@@ -20,7 +20,7 @@ from cosim.soft.elements.cable import base_tension, onset
 from cosim.soft.solve.newton_options import Outcome
 
 CLOSE_N: Final = 1e-8
-"""How closely a chain is solved whose cables have lengths: their tension feels where it ends."""
+"""Residual of a chain with cables of commanded length, whose tensions are sensitive to its shape."""
 _ROUNDS_MAX = 30
 _TOLERANCE_N = 1e-6
 
@@ -31,7 +31,7 @@ def commanded(loads: Loads) -> tuple[int, ...]:
 
 
 def with_tensions(loads: Loads, tension_N: tuple[float, ...]) -> Loads:
-    """Return the loads with tensions in place of commanded lengths."""
+    """Return the loads with tensions instead of commanded lengths."""
     return replace(loads, cable_tension_N=tension_N, cable_length_m=())
 
 
@@ -108,14 +108,14 @@ def point_of(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: floa
 def solve_loaded(
     solver: ChainSolver, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float
 ) -> ChainStep:
-    """Return the solution of a task, at the tensions that commanded cables have in it.
+    """Solve a chain with cables of commanded length, at consistent tensions.
 
     Args:
         solver: of the chain.
-        task: what is to be solved.
-        loads: that act.
-        start: one of the leaf's, or frames (f, 4, 3).
-        begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
+        task: options, clamp and scheme of the solution.
+        loads: active loads.
+        start: a start of `chain_step`, such as STANDING, or frames (f, 4, 3).
+        begin_Pa: gauge pressure at which the search for the pressure of a sealed gas begins.
     """
     chosen = list(commanded(loads)) if loads.cable_length_m else []
     if not chosen:

@@ -13,13 +13,13 @@ from cosim.soft.solve.step_begin import BedNumbers
 @final
 @dataclass(frozen=True)
 class SavedFactor:
-    """A factor that may be reused.
+    """Saved state of a factor that may be reused.
 
     Args:
-        low: (f, 6, 6), of the Cholesky factor.
-        side: (f, 6, 6).
-        two_steps: whether the step that it was made in looks back over two.
-        span_s: span of that step, see `BedNumbers`.
+        low: (f, 6, 6), diagonal blocks of the Cholesky factor.
+        side: (f, 6, 6), off-diagonal blocks.
+        two_steps: whether its step is one of a two-step scheme.
+        span_s: span of its step, see `BedNumbers`.
     """
 
     low: Annotated[Array, ("frames", 6, 6)]
@@ -30,10 +30,10 @@ class SavedFactor:
 
 @final
 class ReusedFactor:
-    """Owns a factor, in `work`; it is for steps of one length and scheme in one clamp, the same object.
+    """A factor in `work`, for steps of one length and scheme with the same clamp object.
 
     Args:
-        work: whose other arrays it shares.
+        work: work arrays; all but those of the factor are shared.
     """
 
     def __init__(self, work: ChainWork) -> None:
@@ -41,12 +41,12 @@ class ReusedFactor:
         self._of: tuple[object, bool, float] | None = None
 
     def is_of(self, clamp: object, bed: BedNumbers) -> bool:
-        """Whether there is a factor that such a step may begin with."""
-        of = self._of
-        return of is not None and of[0] is clamp and of[1] == bed.two_steps and of[2] == bed.span
+        """Return whether a step with this clamp and scheme can reuse the factor."""
+        step = self._of
+        return step is not None and step[0] is clamp and step[1] == bed.two_steps and step[2] == bed.span
 
     def keep(self, reusable: bool, clamp: object, bed: BedNumbers) -> None:
-        """Note the step in which the factor was made or used last, and whether the next one may reuse it."""
+        """Set the last step that made or used the factor, and whether the next step may reuse it."""
         self._of = (clamp, bed.two_steps, bed.span) if reusable else None
 
     def save_state(self, clamp: object) -> SavedFactor | None:

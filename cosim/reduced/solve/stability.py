@@ -125,7 +125,7 @@ class RestingChain:
         return self._lowest[0]
 
     def named(self, lowest: Softest, ways: int) -> branching.Branching:
-        """Return what is known of where it gives way along a mode, in so many independent directions."""
+        """Return the description of a branching along a mode, with the number of unstable directions."""
         pressures = (self.pressure_Pa,) * self.solver.section.copies
         return branching.Branching(
             1.0, pressures, self.point.loads.cable_tension_N, lowest.place, lowest.direction, lowest.extent,

@@ -19,7 +19,7 @@ from cosim.soft.body.places import TipFrame
 @final
 @dataclass(frozen=True)
 class HeldLengths:
-    """What cables of commanded length add to a tangent: sum_c k_c g_c g_c^T.
+    """Stiffness of cables with commanded length in a tangent: sum_c k_c g_c g_c^T.
 
     Args:
         gradient: g (c, 6 f) [1, m].
@@ -38,13 +38,13 @@ class HeldLengths:
 @final
 @dataclass(frozen=True)
 class ChainPoint:
-    """Where a tangent is taken.
+    """The state at which a tangent is computed.
 
     Args:
         frames: (f, 4, 3).
-        loads: at given tensions.
-        pressure_Pa: of the gas; a sealed one is taken to keep it.
-        lengths: of commanded cables; None for none.
+        loads: with tensions of all cables.
+        pressure_Pa: pressure of the gas; that of a sealed gas is constant.
+        lengths: stiffness of cables with commanded length, or None.
     """
 
     frames: Array

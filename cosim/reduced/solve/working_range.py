@@ -15,7 +15,7 @@ _AT_ITS_END: Final = 0.95
 """Fraction of the range from which on a solution that is not found is one that the model does not have."""
 _ROUNDING: Final = 1e-9
 _NO_STRETCH: Final = 1e-100  # a stretch over it is finite, and beyond any range
-INSTEAD: Final = "use fidelity = 'lumped', which knows what lies beyond"
+INSTEAD: Final = "use fidelity = 'lumped', which has no such limit"
 
 
 @final
