@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody
     from cosim.devices.controller import Measurement
     from cosim.plan.commands import SoftCommand
-    from cosim.rigid.scene.host_scene import Data, HostModel, HostScene, HostSource, Model
+    from cosim.rigid.scene.host_model import HostModel, HostSource
+    from cosim.rigid.scene.host_scene import Data, HostScene, Model
     from cosim.soft.body.body import SoftBody
     from cosim.soft.body.loads import Loads
     from cosim.stepping.parts import Parts
@@ -500,7 +501,7 @@ def attach(
         InputError: the model has no such site or body, its integrator is RK4, a key is wrong, or the soft
             joint's model has no film that could give way.
     """
-    from cosim.rigid.scene.host_scene import HostModel  # here: it brings MuJoCo
+    from cosim.rigid.scene.host_model import HostModel  # here: it brings MuJoCo
 
     if (robot is None) == (body is None):
         raise InputError("robot and body: give one of them, the name or file of a soft robot or a soft body")

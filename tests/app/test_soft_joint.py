@@ -125,7 +125,7 @@ def test_a_saved_soft_joint_repeats_its_ticks_to_the_bit(tmp_path: Path) -> None
 
 REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "no such body": (("wrist", "hand"), {}, "at is 'hand'.*bodies: arm, tool"),
-    "goes with the mount": (("wrist", "arm"), {}, "'arm' goes rigidly with what carries the soft robot"),
+    "goes with the mount": (("wrist", "arm"), {}, "'arm' is rigidly connected to the mount"),
     "three": (("wrist", "tool", "arm"), {}, "at is .*; give the name of a site or body, or two names"),
     "number": (3, {}, "at is 3; give the name of a site or body, or two names"),
     "rigid": (("wrist", "tool"), {"fidelity": "rigid"}, "fidelity is 'rigid'; a soft joint"),

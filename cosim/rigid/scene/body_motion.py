@@ -9,14 +9,14 @@ from cosim.base.kernels import device_function, kernel, small_vector
 
 
 class BodyMotions(NamedTuple):
-    """Velocities of all bodies; MuJoCo's arrays.
+    """Velocities of all bodies, in MuJoCo's arrays.
 
     Args:
-        spin: (bodies, 6), angular then linear [1/s, m/s], each at its tree's centre of mass.
-        tree: (bodies, 3) [m], these centres of all trees, world.
-        root: (bodies,), the tree of each body.
+        spin: (bodies, 6), angular then linear [1/s, m/s], at the centre of mass of the body's tree.
+        tree: (bodies, 3) [m], centres of mass of the trees, world.
+        root: (bodies,), index of the tree of each body.
         mass_center: (bodies, 3) [m], centres of mass, world.
-        flange: body that goes with it.
+        flange: index of the body with the flange.
     """
 
     spin: Matrix
@@ -29,30 +29,30 @@ class BodyMotions(NamedTuple):
 @device_function
 def fill_speed(motions: BodyMotions, body: int, out: Vector) -> None:
     """Fill out (6,) with a body's velocity at the world's origin, then its angular velocity."""
-    spin, place = motions.spin[body], motions.tree[motions.root[body]]
+    spin, center = motions.spin[body], motions.tree[motions.root[body]]
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
-        out[r] = spin[3 + r] - (spin[s] * place[q] - spin[q] * place[s])
+        out[r] = spin[3 + r] - (spin[s] * center[q] - spin[q] * center[s])
         out[3 + r] = spin[r]
 
 
 @device_function
-def led(lead: Vector, place: Vector, r: int) -> float:
-    """Return component r of a lead at a place."""
+def led(lead: Vector, point: Vector, r: int) -> float:
+    """Return component r of the displacement `lead` (6,) at a point."""
     s, q = (r + 1) % 3, (r + 2) % 3
-    return lead[r] + lead[3 + s] * place[q] - lead[3 + q] * place[s]
+    return lead[r] + lead[3 + s] * point[q] - lead[3 + q] * point[s]
 
 
 @kernel
 def add_way(motions: BodyMotions, ahead: Indices, of: int, time_s: float, lead: Matrix) -> None:
-    """Add to leads (bodies, 6) of bodies the way that they go in a time, seen from the flange.
+    """Add displacements of bodies relative to the flange to `lead`, at constant velocity.
 
     Args:
         motions: velocities.
-        ahead: (bodies,), of which those count that are `of`.
-        of: value.
-        time_s: the time [s].
-        lead: added to: translation at the world's origin [m], then turn [rad].
+        ahead: (bodies,), see `Foresight`.
+        of: only bodies with this value of `ahead` count.
+        time_s: duration [s].
+        lead: (bodies, 6), result: translation at the world's origin [m], then rotation [rad].
     """
     now, flange = small_vector(6), small_vector(6)
     fill_speed(motions, motions.flange, flange)

@@ -17,10 +17,10 @@ _DEEP_M: Final = 1e-3  # from which on a film is thrown out of what it begins in
 
 
 class CoupledScene(ABC):
-    """A scene with a soft robot on its flange; a view into MuJoCo's model and state.
+    """A MuJoCo scene with a soft robot on its flange.
 
-    `flange` is the frame that the soft robot hangs on, `bodies` are those that its film may touch. Arrays
-    over joints (dofs,) are of the degrees of freedom that move the flange.
+    `flange` is the frame of the mount, and `bodies` are the bodies that the film may touch. Arrays over
+    degrees of freedom (dofs,) contain those that move the flange.
 
     Args:
         model: compiled scene.
@@ -37,12 +37,12 @@ class CoupledScene(ABC):
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, tick_s: float) -> None:
         self._model, self._data, self._tick_s = model, data, tick_s
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        # MuJoCo's arrays stay where they are in memory; looking one up costs as much as its copy
+        # MuJoCo never moves its arrays in memory; an attribute look-up costs as much as a copy
         self.place_rows: tuple[Array, Array] = data.xpos, data.xquat
         """Views of positions (bodies, 3) [m] and quaternions (bodies, 4), world from body."""
         self.mounted: Array = np.zeros(6)
-        """Force [N] and torque [N m] of what is fixed next to the soft robot on the flange, at its origin,
-        world axes: weight, inertia and contacts, mean over the last rigid step."""
+        """Force [N] and torque [N m] of bodies that are fixed on the flange beside the soft robot, at its
+        origin, world axes: weight, inertia and contacts, mean over the last rigid step."""
 
     @property
     def tick_s(self) -> float:
@@ -51,16 +51,16 @@ class CoupledScene(ABC):
 
     @property
     def substeps(self) -> int:
-        """How many steps of MuJoCo a tick may be cut into."""
+        """Number of MuJoCo's steps into which a tick may be divided."""
         return 1
 
-    def go_finely(self, left: int | None) -> None:  # noqa: B027  # most scenes do not cut ticks
-        """Let ticks be single steps of MuJoCo, so many left in a tick of the clock; None: whole ticks."""
+    def go_finely(self, left: int | None) -> None:  # noqa: B027  # most scenes do not divide ticks
+        """Divide ticks into single steps of MuJoCo; `left` of them remain in the tick. None: whole ticks."""
 
     @property
     @abstractmethod
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the arm's joints, base to flange; none where joints are not the exchange's to move."""
+        """Names of the arm's joints, base to flange; empty if the coupling does not move the joints."""
 
     @property
     @abstractmethod
@@ -69,15 +69,15 @@ class CoupledScene(ABC):
 
     @abstractmethod
     def apply_flange_wrench(self, wrench: Wrench) -> None:
-        """Set the load on the flange from now on: at the flange origin, world axes."""
+        """Set the load on the flange: at the flange origin, world axes."""
 
     @abstractmethod
     def received_wrench(self) -> SixNumbers:
-        """Return the load on the flange at present, about the world's origin, read back."""
+        """Return the load on the flange about the world's origin, as MuJoCo has it."""
 
     @abstractmethod
     def apply_joint_torque(self, torque: Array) -> None:
-        """Set a torque (dofs,) [N m] from now on, besides all else."""
+        """Set a torque (dofs,) [N m] that is added to all others."""
 
     @final
     @property
@@ -101,8 +101,8 @@ class CoupledScene(ABC):
     def mobility(self, bodies: IntArray | None = None) -> Array:
         """Return W = J (M + h D)^-1 J^T (6 + 6 b, 6 + 6 b): velocity changes per impulse, see `mobility`.
 
-        Of the flange, then of bodies (b,) if given; M with armature, but without what is carried; h the tick,
-        D of servos and joints.
+        The rows are those of the flange, then of bodies (b,) if given. M includes armature, but not the added
+        inertia; h is the tick, and D the damping of servos and joints.
         """
         added, carried = np.diag(self._resisting), self.bodies.carried
         added[carried.square] -= carried.on_arm
@@ -112,30 +112,34 @@ class CoupledScene(ABC):
         return mobility(self._model, self._data, jacobian, added)
 
     def step_arm(self, position: Array, velocity: Array, torque: Array) -> None:
-        """Take the rigid step of a tick under the loads that are set; everything readable follows.
+        """Take the rigid step of a tick under the present loads, and update all readable values.
 
         Args:
-            position: (joints,) [rad], of the servos.
-            velocity: (joints,) [rad/s], at which that continues within the tick.
+            position: (joints,) [rad], references of the servos.
+            velocity: (joints,) [rad/s], of the references within the tick.
             torque: (joints,) [N m], feedforward.
 
         Raises:
             InstabilityError: the state is no longer finite.
         """
-        raise NotImplementedError("somebody else steps this scene")
+        raise NotImplementedError("the user's loop steps this scene")
 
     def read_touch(self, touch: Array) -> None:  # noqa: B027  # most scenes have no such sensors
         """Fill columns 1 and 2 of touch (bodies, 3): contacts that sensors count, see `TickColumns`."""
 
-    def check(self) -> None:  # noqa: B027  # whoever else steps a scene sees to it
-        """Raise InstabilityError where MuJoCo has warned: the state is no longer finite."""
+    def check(self) -> None:  # noqa: B027  # a scene that a user's loop steps checks in `end_step`
+        """Check MuJoCo's warnings.
+
+        Raises:
+            InstabilityError: the state is no longer finite.
+        """
 
     @abstractmethod
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
-        """Return the distances to everything that collides (and is fixed), but what carries the flange."""
+        """Return the distances to all (fixed) colliding geoms, without those that carry the flange."""
 
     def begins_in(self, points: Array) -> str:
-        """Return what a film begins deep inside of, and could only be thrown out of; empty for nothing.
+        """Return a message if a film begins deep inside a geom, which would eject it; empty otherwise.
 
         Args:
             points: (n, 3) [m], of the film, world.
@@ -152,12 +156,12 @@ class CoupledScene(ABC):
     @property
     @abstractmethod
     def state(self) -> Any:
-        """A copy of all that the next step depends on; everything readable follows one that is set."""
+        """A copy of the state on which the next step depends; setting it updates all readable values."""
 
     @state.setter
     @abstractmethod
     def state(self, state: Any) -> None:
-        """Set it.
+        """Restore a state.
 
         Raises:
             InputError: the state is of a scene with other bodies or joints.

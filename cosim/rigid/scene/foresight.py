@@ -18,20 +18,19 @@ _COPIED = "qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "ctr
 
 @final
 class Foresight:
-    """Finds how far bodies are ahead, seen from the flange, so what it carries is where it is.
+    """Predicts displacements of bodies relative to the flange, whose own bodies do not move in this view.
 
-    `lead` (bodies, 6) is by what they are: translation at the world's origin [m], then turn [rad]. `ahead`
-    (bodies,) is 1 for those that are met at the end of the next step; -1 for those that are met where they
-    will be in the middle of the steps in which the load acts, a tick late; 0 for those that are met where
-    they are.
+    `lead` (bodies, 6) is the displacement of each body: translation at the world's origin [m], then rotation
+    [rad]. `ahead` (bodies,) says for which pose of a body contacts are computed: 1 at the end of the next
+    step; -1 in the middle of the steps in which the load acts, a tick later; 0 at present.
 
     Args:
         model: compiled scene.
         data: its state.
-        flange: body that goes with it.
+        flange: index of the body with the flange.
         pace: (2,), see `Bodies`.
-        carried: what the arm's joints carry (joints, joints) [kg m^2], and where in MuJoCo's mass matrix the
-            lower triangle of it is.
+        carried: inertia that is added to the arm's joints (joints, joints) [kg m^2], and the indices of its
+            lower triangle in MuJoCo's mass matrix.
     """
 
     def __init__(

@@ -4,12 +4,9 @@ so the loop may write its loads at any time. Inertia that the mount carries is a
 `inertia_in_step`.
 """
 
-import math
-import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Final, TypeAlias, final
 from weakref import finalize
 
@@ -19,9 +16,9 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, SixNumbers, Wrench, cross
 from cosim.base.state_checks import check_indices
 from cosim.errors import InputError, InstabilityError
-from cosim.rigid.build import engine, mjcf_files, object_bodies
+from cosim.rigid.build import object_bodies
 from cosim.rigid.distance.contact_query import ContactQuery
-from cosim.rigid.scene.arm_layout import BODY, SITE, Mounting
+from cosim.rigid.scene.arm_layout import Mounting
 from cosim.rigid.scene.bodies import Bodies, touchable_geoms
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.flange import MountedFrame, about_origin
@@ -30,39 +27,34 @@ from cosim.rigid.scene.step_loads import StepLoads, loads_of
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _MOST_OFF: Final = 1e-6
-"""Share of a step by which MuJoCo's clock may be elsewhere than one step later."""
-HostSource: TypeAlias = "mujoco.MjSpec | mujoco.MjModel | str | Path"
+"""Largest deviation of MuJoCo's clock from one step later, over the step."""
 Model: TypeAlias = mujoco.MjModel
 Data: TypeAlias = mujoco.MjData
-_MOUNT: Final = "cosim_mount"
-_MOST_NAMES: Final = 40
 _RK4: Final = mujoco.mjtIntegrator.mjINT_RK4
-_WHOLE: Final = 1e-6
-"""Share of a step by which a tick may differ from whole steps."""
 
 
 def _servo_damping(model: mujoco.MjModel) -> Array:
-    """Return how actuators of joints damp each degree of freedom (nv,) [N m s/rad or N s/m]."""
-    found = np.zeros(model.nv)
+    """Return the damping of each degree of freedom (nv,) by actuators of joints [N m s/rad or N s/m]."""
+    total = np.zeros(model.nv)
     affine = model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE
     on_joints = affine & (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT)
     damping = -model.actuator_biasprm[on_joints, 2] * model.actuator_gear[on_joints, 0] ** 2
-    np.add.at(found, model.jnt_dofadr[model.actuator_trnid[on_joints, 0]], damping)
-    return found
+    np.add.at(total, model.jnt_dofadr[model.actuator_trnid[on_joints, 0]], damping)
+    return total
 
 
 @final
 @dataclass(frozen=True)
 class HostState:
-    """Everything that the next step depends on.
+    """State of a user's scene, on which the next step depends.
 
     Args:
-        integration: MuJoCo's own state vector, inputs and warm start included.
+        integration: MuJoCo's state vector, with inputs and warm start.
         acceleration: (dofs,) of the last tick.
         load: (bodies, 6), of the soft robot on bodies.
-        loaded: bodies that contact loads at present.
-        carried: (dofs, dofs) [kg m^2], that the mount carries.
-        given_back: (dofs,) [N m], of that.
+        loaded: indices of bodies with contact loads.
+        carried: (dofs, dofs) [kg m^2], inertia that is added to the mount.
+        given_back: (dofs,) [N m], compensating torque of that inertia.
     """
 
     integration: Array
@@ -74,17 +66,17 @@ class HostState:
 
 
 class HostScene(CoupledScene):
-    """Somebody's scene with a soft robot on a site or body of it.
+    """A user's scene with a soft robot on one of its sites or bodies.
 
-    For each of MuJoCo's steps: `begin_step`, that step, `end_step`. `load` (bodies, 6) is what the soft robot
-    applies at centres of mass, `torque` (nv,) the part of the carried load that is given back; `acts` (6,) is
-    the load on the flange alone.
+    Call `begin_step` before and `end_step` after each step of MuJoCo. `load` (bodies, 6) is the load of the
+    soft robot at centres of mass, `torque` (nv,) the compensating torque of the added inertia, and `acts`
+    (6,) the load on the flange alone.
 
     Args:
-        model: somebody's.
+        model: the user's model.
         data: its state.
-        ends: where the soft robot hangs, and where its tip is glued to; None for nowhere.
-        steps: of MuJoCo in a tick.
+        ends: mount of the soft robot, and the one that its tip is glued to, or None.
+        steps: number of MuJoCo's steps in a tick.
     """
 
     def __init__(
@@ -94,7 +86,7 @@ class HostScene(CoupledScene):
         mounting, self._far = ends
         self._steps, self._mounting, self._began_s = steps, mounting, 0.0
         self.flange = MountedFrame(model, data, mounting)
-        pace = np.ones(2, np.int64)  # how bodies give way is foreseen as if a tick were one step
+        pace = np.ones(2, np.int64)  # motions of bodies are predicted as if a tick were one step
         self.bodies = Bodies(model, data, mounting, np.zeros(model.nbody, dtype=bool), pace)
         self._resisting = self.tick_s * model.dof_damping
         self._resisting += (self.tick_s - float(model.opt.timestep)) * _servo_damping(model)
@@ -103,7 +95,7 @@ class HostScene(CoupledScene):
         self.acts, self._at = np.zeros(6), np.zeros(3)
         self._given_back, self._acceleration = np.zeros(dofs), np.zeros(dofs)
         self._speed, self._power_W = np.zeros(dofs), 0.0
-        self._applied = data.xfrc_applied, data.qfrc_applied  # they stay where they are
+        self._applied = data.xfrc_applied, data.qfrc_applied  # MuJoCo never moves these arrays
         self._loads, self._robot = loads_of(data), object()
         self._carried = CarriedInStep(model, data, mounting, self.bodies.carried.on_arm)
         finalize(self, _deleted, self._loads, self._robot, self._carried).atexit = False
@@ -112,18 +104,18 @@ class HostScene(CoupledScene):
 
     @property
     def carries(self) -> bool:
-        """Whether the mount carries inertia."""
+        """Whether inertia is added to the mount."""
         return bool(self.bodies.carried.on_arm.any())
 
     @property
     def far_body(self) -> int | None:
-        """The body that the soft robot's tip is glued to; None for none."""
+        """Index of the body that the soft robot's tip is glued to, or None."""
         return None if self._far is None else self._far.body
 
     @property
     def far_position(self) -> Array:
-        """(3,) [m], world, of the site or body that was named for it."""
-        assert self._far is not None, "there is one"
+        """Position (3,) [m], world, of the site or body that the tip is glued to."""
+        assert self._far is not None, "the tip is glued"
         return self._far.frame(self._data)[0].copy()
 
     @property
@@ -132,7 +124,7 @@ class HostScene(CoupledScene):
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """None: what moves is not ordered by joints."""
+        """Empty, since degrees of freedom of a user's scene need not be joints of an arm."""
         return ()
 
     def apply_joint_torque(self, torque: Array) -> None:
@@ -145,12 +137,10 @@ class HostScene(CoupledScene):
         return about_origin(self.acts.tolist(), self._at)
 
     def contact_query(self, *, fixed_only: bool = False) -> ContactQuery:
-        """Return the distances to everything that collides (and is fixed), but for what the mount is part of.
-
-        Neither for the body that the tip is glued to.
+        """Return the distances to all (fixed) colliding geoms but those of the mount and of the tip's body.
 
         Raises:
-            InputError: something that collides has no surface that a film could touch.
+            InputError: a colliding geom has a type that a film cannot touch.
         """
         geoms = touchable_geoms(self._model, self._mounting.body, fixed_only=fixed_only)
         if self._far is not None:
@@ -167,15 +157,15 @@ class HostScene(CoupledScene):
         return ContactQuery(self._model, self._data, geoms)
 
     def nothing_touched(self) -> ContactQuery:
-        """Return the distances to nothing."""
+        """Return distances without geoms."""
         return ContactQuery(self._model, self._data, [])
 
     def carry(self) -> None:
-        """Add what is carried to a mass matrix that MuJoCo has computed for new positions."""
+        """Add the inertia to the mass matrix, after MuJoCo has computed it for new positions."""
         self.bodies.carried.follow()
 
     def begin_tick(self) -> None:
-        """Take what acts on the flange and on bodies, and what is given back, for the steps of a tick."""
+        """Set the loads on flange and bodies, and the compensating torque, for the steps of a tick."""
         origin, mount = self.flange.pose.translation, self._mounting.body
         self._at[:] = origin
         force = self.acts[:3]
@@ -187,10 +177,10 @@ class HostScene(CoupledScene):
         self._power_W = self.bodies.power_W(self.load)
 
     def check_step(self) -> None:
-        """Check that a step may begin where the last one has ended.
+        """Check that options and time are those of the end of the last step.
 
         Raises:
-            InputError: options of the model have changed, or the loop has gone elsewhere in time.
+            InputError: options of the model have changed, or the loop has changed the time.
         """
         self._options.check()
         now = float(self._data.time)
@@ -202,14 +192,14 @@ class HostScene(CoupledScene):
             )
 
     def begin_step(self) -> None:
-        """Apply all of it for one step of MuJoCo."""
+        """Add the loads to MuJoCo's arrays for one step."""
         self._began_s = float(self._data.time)
         self._loads.put_on(self._robot, self.load, self.torque)
         if self.carries:
             steps_in_progress().enter(self._carried)
 
     def abandon_step(self) -> None:
-        """Take off what a step that was left in the middle has put on."""
+        """Remove the loads of a step that was interrupted."""
         if self._carried.in_step:
             steps_in_progress().leave(self._carried)
         self._loads.abandon(self._robot)
@@ -219,21 +209,21 @@ class HostScene(CoupledScene):
         mujoco.mj_step(self._model, self._data)
 
     def is_of(self, model: object, data: object) -> bool:
-        """Return whether these are its model and its state."""
+        """Return whether these are the model and the state of the scene."""
         return model is self._model and data is self._data
 
     @property
     def time_s(self) -> float:
-        """MuJoCo's."""
+        """Time of MuJoCo's state [s]."""
         return float(self._data.time)
 
     def end_step(self) -> None:
-        """Take it off.
+        """Remove the loads after a step.
 
         Raises:
-            InputError: MuJoCo has not taken one step, loads have been written to meanwhile, or the inertia of
-                the mount was left out.
-            InstabilityError: MuJoCo has begun anew, as its state was no longer finite.
+            InputError: MuJoCo has not taken exactly one step, the loads were overwritten in between, or the
+                inertia of the mount was not added.
+            InstabilityError: MuJoCo has restarted, as its state was no longer finite.
         """
         carries = self._carried.in_step
         if carries:
@@ -248,8 +238,8 @@ class HostScene(CoupledScene):
             )
         if in_time and carries and not self._carried.added[0]:
             raise InputError(
-                "MuJoCo did not call the control callback by which the mount carries inertia: set yours by "
-                "mujoco.set_mjcb_control() ahead of before(), and do not disable actuation in model.opt"
+                "MuJoCo did not call the control callback that adds the inertia of the mount: set yours with "
+                "mujoco.set_mjcb_control() before before(), and do not disable actuation in model.opt"
             )
         if in_time:
             self._ended_s = now
@@ -265,12 +255,12 @@ class HostScene(CoupledScene):
         )
 
     def end_tick(self) -> None:
-        """Read what the tick has led to, before the soft robot moves."""
+        """Read the state at the end of a tick, before the soft robot moves."""
         self.accelerated()
         self.read()
 
     def accelerated(self) -> None:
-        """Find the acceleration in the tick, and the work on bodies."""
+        """Compute the acceleration in the tick, and the work on bodies."""
         self.bodies.work_J = 0.5 * self.tick_s * (self._power_W + self.bodies.power_W(self.load))
         data, dofs = self._data, self._mounting.dofs
         if self._steps == 1:
@@ -279,7 +269,7 @@ class HostScene(CoupledScene):
             self._acceleration[:] = (data.qvel[dofs] - self._speed) / self.tick_s
 
     def read(self) -> None:
-        """Bring poses, velocities and inertia up to the present state of the joints."""
+        """Update poses, velocities and inertia to the present state of the joints."""
         mujoco.mj_fwdPosition(self._model, self._data)
         mujoco.mj_fwdVelocity(self._model, self._data)
         self.flange.moved()
@@ -287,19 +277,19 @@ class HostScene(CoupledScene):
 
     @contextmanager
     def lent(self) -> Iterator[None]:
-        """Let MuJoCo's arrays hold the soft robot's loads alone; keep what loads of contact become there."""
+        """Put only the soft robot's loads into MuJoCo's arrays, and adopt contact loads of the block."""
         forces, torques = self._applied
-        given = forces.copy(), torques.copy()
+        of_user = forces.copy(), torques.copy()
         forces[:], torques[:] = self.load, self.torque
         try:
             yield
         finally:
             self.load[:] = forces
-            forces[:], torques[:] = given
+            forces[:], torques[:] = of_user
 
     @property
     def state(self) -> HostState:
-        """A copy of all that the next step depends on, MuJoCo's state included."""
+        """A copy of the state on which the next step depends, with MuJoCo's state."""
         integration = np.empty(mujoco.mj_stateSize(self._model, _STATE))
         mujoco.mj_getState(self._model, self._data, integration, _STATE)
         on_arm = self.bodies.carried.on_arm.copy()
@@ -326,7 +316,7 @@ class HostScene(CoupledScene):
 
 
 def _deleted(loads: StepLoads, robot: object, carried: CarriedInStep) -> None:
-    """Take off what a scene has applied that is deleted in the middle of a step."""
+    """Remove the loads of a scene that is deleted during a step."""
     loads.abandon(robot)
     if carried.in_step:
         steps_in_progress().leave_later(carried)
@@ -334,10 +324,10 @@ def _deleted(loads: StepLoads, robot: object, carried: CarriedInStep) -> None:
 
 @final
 class _StepOptions:
-    """Options of a model on which the steps of a soft robot depend, as they were when it began.
+    """Initial values of the options of a model that the soft robot depends on.
 
     Args:
-        model: whose options may change.
+        model: the user's model.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -345,10 +335,14 @@ class _StepOptions:
         self._begun, self._begun_as = self._now(), self._named()
 
     def check(self) -> None:
-        """Raise InputError where they have changed."""
+        """Check that the options have not changed.
+
+        Raises:
+            InputError: an option has changed.
+        """
         if self._now() == self._begun:
             return
-        _check_steps(self._model)
+        check_steps(self._model)
         for name, value in self._named().items():
             if value != self._begun_as[name]:
                 raise InputError(
@@ -362,174 +356,19 @@ class _StepOptions:
         return option.timestep, option.integrator == _RK4, weightless, self._gravity.tobytes()
 
     def _named(self) -> dict[str, Any]:
-        return {"timestep": float(self._option.timestep), "gravity": _gravity(self._model)}
+        return {"timestep": float(self._option.timestep), "gravity": gravity_of(self._model)}
 
 
-@final
-@dataclass(frozen=True)
-class HostModel:
-    """Somebody's model, as it is when a soft robot is attached.
-
-    Args:
-        spec: from which it is compiled; None: it has been.
-        at: name of the site or body.
-        far: name of the one that the soft robot's tip is glued to; None for none.
-        timestep_s: of MuJoCo.
-        gravity: (3,) [m/s^2].
-        steps: of MuJoCo in a tick.
-    """
-
-    spec: mujoco.MjSpec | None
-    at: str
-    far: str | None
-    timestep_s: float
-    gravity: tuple[float, float, float]
-    steps: int
-
-    @classmethod
-    def of(cls, source: HostSource, at: str | tuple[str, str], tick_s: float | None) -> "HostModel":
-        """Return a model that has the site or body.
-
-        Args:
-            source: specification, which may get a massless body; or a compiled model; or path of an MJCF.
-            at: name of a site, or else of a body; or two, the second for the soft robot's tip.
-            tick_s: of the soft robot; None: MuJoCo's timestep.
-
-        Raises:
-            InputError: MuJoCo refuses it, it has no such site or body, or its steps will not do.
-        """
-        spec, model = _read(source)
-        if not (isinstance(at, str) or (isinstance(at, tuple | list) and len(at) == 2)):
-            raise InputError(f"at is {at!r}; give the name of a site or body, or two names for a soft joint")
-        at, far = (at, None) if isinstance(at, str) else at
-        mounting = find_mounting(model, at)
-        _find_far(model, mounting, far)
-        _check_steps(model)
-        if spec is not None and model.body_simple[mounting.body]:
-            # MuJoCo keeps no whole mass matrix of a body without children; what it carries needs one
-            (spec.site(at).parent if mounting.kind == SITE else spec.body(at)).add_body(name=_free_name(spec))
-        timestep_s = float(model.opt.timestep)
-        return cls(spec, at, far, timestep_s, _gravity(model), _steps(tick_s, timestep_s))
-
-    def scene(self, model: mujoco.MjModel, data: mujoco.MjData) -> HostScene:
-        """Return the scene of a compiled model with its state.
-
-        Raises:
-            InputError: it is not the model that was attached to.
-        """
-        for what, value in (("model", model), ("data", data)):
-            wanted = mujoco.MjModel if what == "model" else mujoco.MjData
-            if not isinstance(value, wanted):
-                raise InputError(f"{what} is {type(value).__name__}; give a mujoco.{wanted.__name__}")
-        mounting = find_mounting(model, self.at)
-        _check_steps(model)
-        here = (float(model.opt.timestep), _gravity(model))
-        for what, one, other in zip(
-            ("timestep", "gravity"), here, (self.timestep_s, self.gravity), strict=True
-        ):
-            if one != other:
-                raise InputError(
-                    f"model.opt.{what} is {one}, and was {other} when it was attached to; set it before"
-                )
-        return HostScene(model, data, (mounting, _find_far(model, mounting, self.far)), self.steps)
-
-
-def find_mounting(model: mujoco.MjModel, name: str) -> Mounting:
-    """Return where a site or body of a model is.
-
-    Args:
-        model: compiled.
-        name: of a site, or else of a body.
-
-    Raises:
-        InputError: no site or body has that name.
-    """
-    for kind, what in ((SITE, mujoco.mjtObj.mjOBJ_SITE), (BODY, mujoco.mjtObj.mjOBJ_BODY)):
-        index = mujoco.mj_name2id(model, what, name) if isinstance(name, str) else -1
-        if index >= 0:
-            body = int(model.site_bodyid[index]) if kind == SITE else index
-            return Mounting(kind, index, body, _moving(model, body))
-    sites = _listed(model.site(k).name for k in range(model.nsite))
-    bodies = _listed(model.body(k).name for k in range(1, model.nbody))
-    raise InputError(f"at is {name!r}, which is no site or body; sites: {sites}; bodies: {bodies}")
-
-
-def _find_far(model: mujoco.MjModel, mounting: Mounting, name: str | None) -> Mounting | None:
-    """Return where the tip of a mounted soft robot is glued to.
-
-    Raises:
-        InputError: no site or body has that name, or it goes with the mount.
-    """
-    far = None if name is None else find_mounting(model, name)
-    if far is not None and model.body_weldid[far.body] == model.body_weldid[mounting.body]:
-        raise InputError(f"at: {name!r} goes rigidly with what carries the soft robot; name another body")
-    return far
-
-
-def _read(source: HostSource) -> tuple[mujoco.MjSpec | None, mujoco.MjModel]:
-    if isinstance(source, str | Path):
-        read = mjcf_files.read_mjcf_file(Path(source), "scene")
-        return read.spec, read.model
-    engine.set_up_engine()
-    if isinstance(source, mujoco.MjModel):
-        return None, source
-    if not isinstance(source, mujoco.MjSpec):
-        raise InputError(
-            f"spec is {type(source).__name__}; give a mujoco.MjSpec, a mujoco.MjModel, or the path of an MJCF"
-        )
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # whoever compiles it sees them
-            model = source.copy().compile()
-        engine.check_finite(model)
-    except ValueError as error:
-        text = str(error).replace("\n", ", ")
-        raise InputError(f"spec: MuJoCo refuses it: {text:.500}") from None
-    return source, model
-
-
-def _check_steps(model: mujoco.MjModel) -> None:
+def check_steps(model: mujoco.MjModel) -> None:
     if model.opt.integrator == _RK4:
         raise InputError(
-            "option integrator is RK4, whose steps evaluate forces four times; the soft robot's act once a "
-            "step: use Euler, implicit or implicitfast"
+            "option integrator is RK4, which evaluates forces four times in a step; the soft robot's forces "
+            "are constant in a step: use Euler, implicit or implicitfast"
         )
 
 
-def _gravity(model: mujoco.MjModel) -> tuple[float, float, float]:
+def gravity_of(model: mujoco.MjModel) -> tuple[float, float, float]:
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         return 0.0, 0.0, 0.0
     x, y, z = np.asarray(model.opt.gravity, dtype=np.float64).tolist()
     return x, y, z
-
-
-def _steps(tick_s: float | None, timestep_s: float) -> int:
-    if tick_s is None:
-        return 1
-    steps = tick_s / timestep_s if isinstance(tick_s, float | int) else math.nan
-    if not (math.isfinite(steps) and steps > 0.5 and abs(steps - round(steps)) <= _WHOLE):
-        raise InputError(f"tick_s is {tick_s!r}; must be one or several timesteps of {timestep_s:g} s")
-    return round(steps)
-
-
-def _free_name(spec: mujoco.MjSpec) -> str:
-    number = 1
-    while spec.body(f"{_MOUNT}_{number}") is not None:
-        number += 1
-    return f"{_MOUNT}_{number}"
-
-
-def _listed(names: Iterable[str]) -> str:
-    known = [name for name in names if name]
-    more = ", ..." if len(known) > _MOST_NAMES else ""
-    return ", ".join(known[:_MOST_NAMES]) + more if known else "none with a name"
-
-
-def _moving(model: mujoco.MjModel, body: int) -> IntArray:
-    """Return the degrees of freedom that move a body, from the root on."""
-    found: list[int] = []
-    while body:
-        first, count = int(model.body_dofadr[body]), int(model.body_dofnum[body])
-        found = [*range(first, first + count), *found]
-        body = int(model.body_parentid[body])
-    return np.array(found, np.int64)

@@ -71,14 +71,14 @@ def carry_in_step(model: int, data: int) -> None:
 
 @final
 class CarriedInStep:
-    """Inertia that one mount carries in steps of one MjData, and its row of the table.
+    """Inertia that is added to one mount in steps of one MjData, and its row of the table.
 
     `in_step` is whether a step may be in progress.
 
     Args:
         model: of the scene.
-        data: its state, which is referenced from here on.
-        mounting: whose degrees of freedom carry the inertia.
+        data: its state, to which this object keeps a reference.
+        mounting: mount, to whose degrees of freedom the inertia is added.
         inertia: (dofs, dofs) [kg m^2], which may change between steps.
     """
 
@@ -87,7 +87,7 @@ class CarriedInStep:
     ) -> None:
         self.in_step, self.added = False, np.zeros(1, np.int64)
         places = np.ascontiguousarray(mass_places(model, mounting))
-        self._kept = data, data.M, places, inertia, self.added  # their addresses are in use
+        self._referenced = data, data.M, places, inertia, self.added  # C uses their addresses
         parts = (data.M, places, inertia, self.added)
         self._mount = np.array([*(part.ctypes.data for part in parts), len(inertia)], np.int64)
         self.row = np.array((data._address, self._mount.ctypes.data))
@@ -106,7 +106,7 @@ class StepsInProgress:
         self._function, self._before = c_function(carry_in_step), np.zeros(1, np.int64)
         self._code = int(self._function.address)
         self._lock, self._left = Lock(), deque[CarriedInStep]()
-        self._in_rows: dict[int, CarriedInStep] = {}  # kept as long as they are there
+        self._in_rows: dict[int, CarriedInStep] = {}  # referenced while they are in the table
         self._tables: list[IntArray] = []  # all: threads may be in an earlier one
         self._extend(_ROWS)
 
