@@ -170,7 +170,7 @@ class _Start:
         return values, gradients
 
     def rows(self, samples: Samples, s: int) -> Array:
-        """Return derivatives (m, 6, size (c - 1)) of a section's forces by its coefficients (not the constant)."""
+        """Return derivatives (m, 6, size (c - 1)) of a section's forces by non-constant coefficients."""
         gradients = self.terms(samples, s)[1][:, :, None, 1:]
         return np.asarray((gradients * self.over[:, None, :, None]).reshape(len(self.over), 6, -1))
 
