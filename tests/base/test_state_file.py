@@ -118,7 +118,7 @@ def test_the_header_can_be_read_alone(tmp_path: Path) -> None:
     [
         (Device(np.zeros(1), Open(1.0)), "state.last is a Open"),
         ((1, {"a": object()}), r"state\[1\].a is a object"),
-        ({1: 2}, "state is a dict"),
+        ({1.5: 2}, "state is a dict"),
         (Device(np.array([None]), None), "state.reading is an array of objects"),
     ],
 )
