@@ -1,6 +1,5 @@
-"""A dozen short problems whose answers are known, and the specimens that they are made of.
-
-Each case is a function that returns its figures; its docstring has the formula and the source.
+"""Verification cases: short problems with known answers, and the specimens for them. Each case is a function
+that returns its figures, and whose docstring has the formula and the source.
 """
 
 import math

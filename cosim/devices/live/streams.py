@@ -1,8 +1,7 @@
-"""What a robot sends of itself while it moves: joints from a UR's controller, anything as lines of JSON.
-
-A UR's controller (RTDE, port 30004) sends packages: a head of size (2 bytes) and kind (1 byte), then
-the values that were asked for, all with the first byte first. Source: Universal Robots, Real-Time Data
-Exchange (RTDE) Guide, protocol version 2.
+"""Reads the measured motion of a robot as a stream: joints from a UR's controller, or lines of JSON from a
+socket, a file or standard input. A UR's controller (RTDE, port 30004) sends packages: a head with size (2
+bytes) and kind (1 byte), then the requested values, all in big-endian order. Source: Universal Robots,
+Real-Time Data Exchange (RTDE) Guide, protocol version 2.
 """
 
 import json

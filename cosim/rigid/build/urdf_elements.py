@@ -1,6 +1,6 @@
-"""Elements of a URDF file as MJCF arms, adapters and moving bases need them: joints, inertias, cylinders.
-
-A pose is written as `<origin xyz rpy>`, with rotation = Rz(yaw) Ry(pitch) Rx(roll)."""
+"""Writes elements of URDF files: joints, inertias, cylinders. MJCF arms, adapters and moving bases are
+converted to URDF with them. A pose is `<origin xyz rpy>` with the rotation Rz(yaw) Ry(pitch) Rx(roll).
+"""
 
 import math
 import xml.etree.ElementTree as ElementTree
