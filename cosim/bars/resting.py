@@ -5,17 +5,27 @@ solved before. Where no state at rest is found near that of the run, it is follo
 before. A section model is compared with the film that it was condensed from, which is brought to rest first.
 """
 
-from dataclasses import dataclass
-from typing import final
+from dataclasses import dataclass, replace
+from typing import Final, final
 
 from cosim.bars.budget import Budget
-from cosim.bars.finer_mesh import ITERATIONS_MAX, PATIENCE, FinerMesh, SourceFilm
+from cosim.bars.finer_mesh import (
+    ITERATIONS_MAX,
+    NOTHING_PRESSES,
+    PATIENCE,
+    FinerMesh,
+    SourceFilm,
+    least_out_of_balance,
+)
 from cosim.build.soft_model import SoftModel
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArmState
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.telemetry.phase_ends import PhaseEnd
+
+_SHORT: Final = 60
+"""Iterations of each try on the refined mesh unasked: where a state is near, it is found in some ten."""
 
 
 @final
@@ -34,8 +44,13 @@ class Pair:
     clamp: Clamp
 
 
-def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
+def at_rest(side: SoftArm, state: SoftArmState, start: SoftState | None = None) -> Equilibrium:
     """Return where a body that has stopped at a state of its run comes to rest; it is held as there then.
+
+    Args:
+        side: the body.
+        state: of the run.
+        start: near it; None: the state itself.
 
     Raises:
         ConvergenceError: no equilibrium was found near it.
@@ -43,7 +58,7 @@ def at_rest(side: SoftArm, state: SoftArmState) -> Equilibrium:
     if not state.clamp.holds_as(side.clamp):
         side.hold(state.clamp)
     soft = SoftState.at_rest(state.soft.positions, state.soft.memory, state.soft.touching)
-    return side.rest_near(soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
+    return side.rest_near(start or soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
 
 
 @final
@@ -57,13 +72,16 @@ class RestingStates:
         model: of the run's soft robot.
         ends: of its phases.
         budget: of the searches.
+        thorough: whether the refined mesh is searched for long where no state at rest is near.
 
     Raises:
         InputError: the ends are of another soft robot.
     """
 
-    def __init__(self, model: SoftModel, ends: tuple[PhaseEnd, ...], budget: Budget) -> None:
-        self._model, self.ends, self._budget = model, ends, budget
+    def __init__(
+        self, model: SoftModel, ends: tuple[PhaseEnd, ...], budget: Budget, *, thorough: bool
+    ) -> None:
+        self._model, self.ends, self._budget, self._thorough = model, ends, budget, thorough
         self.source = None if model.section is None else SourceFilm(model.chain(), model.refined(0))
         self.side = self._film_side()
         self.side.effort.check = budget.check
@@ -100,7 +118,8 @@ class RestingStates:
             MeshError: it is not that of the same body.
         """
         if self._mesh is None:
-            self._mesh = FinerMesh(self.side.body, self._model.refined(1))
+            most = ITERATIONS_MAX if self._thorough else _SHORT
+            self._mesh = FinerMesh(self.side.body, self._model.refined(1), most)
             self._mesh.side.effort.check = self._budget.check
         return self._mesh
 
@@ -172,7 +191,7 @@ class RestingStates:
         """
         side, film = self.side, self.film(place)
         try:
-            return at_rest(side, film)
+            return at_rest(side, film, self._start(place))
         except ConvergenceError:
             earlier = None if self.source is None else self._earlier(place)
             if earlier is None:
@@ -180,9 +199,31 @@ class RestingStates:
             side.settle(earlier.rest)
             return side.follow(earlier.rest, film.flange, film.loads)
 
+    def _start(self, place: int) -> SoftState | None:
+        """Return where a film that a chain has drawn begins; None of a run with a film.
+
+        What the film at rest was off the chain one phase earlier may be taken along.
+        """
+        if self.source is None:
+            return None
+        side, film, earlier = self.side, self.film(place), self.pairs.get(place - 1)
+        if not film.clamp.holds_as(side.clamp):
+            side.hold(film.clamp)
+        starts = [film.soft]
+        if earlier is not None:
+            before = self.film(place - 1)
+            turn = film.flange.rotation @ before.flange.rotation.T
+            away = (earlier.rest.state.positions - before.soft.positions) @ turn.T
+            starts.append(SoftState.at_rest(film.soft.positions + away, earlier.rest.state.memory))
+        start = least_out_of_balance(side, starts, film.flange, film.loads)
+        presses = side.films is not None and side.films.press_at_rest(start.positions)
+        return replace(start, touching=NOTHING_PRESSES) if presses else start
+
     def _earlier(self, place: int) -> Pair | None:
         """Return the states at rest one phase earlier, if the film was held in the same way."""
         if not place or self.ends[place - 1].why_not:
+            return None
+        if not self._thorough and place - 1 not in self.pairs:
             return None
         clamps = [self.film(k).clamp for k in (place - 1, place)]
         return self.pair(place - 1) if clamps[0].holds_as(clamps[1]) else None

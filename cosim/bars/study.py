@@ -163,7 +163,7 @@ class ErrorStudy:
 
     def __init__(self, scenario: Scenario, model: SoftModel, kept: PhaseEnds, budget: Budget) -> None:
         self._scenario, self._budget = scenario, budget
-        self.states = RestingStates(model, kept.ends, budget)
+        self.states = RestingStates(model, kept.ends, budget, thorough=math.isinf(budget.most_s))
         self.found: dict[int, dict[str, Any]] = {}
         self._swings: Swings | None = None
         if len(kept.moments):

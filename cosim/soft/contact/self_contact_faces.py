@@ -125,6 +125,13 @@ class FilmFaces:
         return FilmFaces(triangles, self.face, self.face, faces, np.ascontiguousarray(relation))
 
 
+def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the different rows, none negative, in ascending order, and which of them each row is."""
+    keys = np.ravel_multi_index(tuple(rows.T), tuple(rows.max(axis=0, initial=0) + 1))
+    _, first, place = np.unique(keys, return_index=True, return_inverse=True)
+    return rows[first], place
+
+
 def _welded_flat(triangles: IntArray) -> IntArray:
     """Return pairs (k, 2) that join all triangles at each edge of a flat weld, where there are four."""
     _, edge, count = np.unique(
@@ -199,7 +206,7 @@ class FilmPoints:
             np.column_stack([face, triangles]),
         )
         kinds = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [1.0 / 3.0] * 3])
-        found = [np.unique(row, axis=0, return_inverse=True) for row in rows]
+        found = [_unique_rows(row) for row in rows]
         counts = [len(unique) for unique, _ in found]
         first = np.cumsum([0, *counts[:-1]])
         on_triangle = np.concatenate(
