@@ -360,6 +360,11 @@ class _StepOptions:
 
 
 def check_steps(model: mujoco.MjModel) -> None:
+    """Check the integrator of a model.
+
+    Raises:
+        InputError: a step of the integrator evaluates forces several times.
+    """
     if model.opt.integrator == _RK4:
         raise InputError(
             "option integrator is RK4, which evaluates forces four times in a step; the soft robot's forces "
@@ -368,6 +373,7 @@ def check_steps(model: mujoco.MjModel) -> None:
 
 
 def gravity_of(model: mujoco.MjModel) -> tuple[float, float, float]:
+    """Return the gravity of a model [m/s^2], 0 if it is disabled."""
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
         return 0.0, 0.0, 0.0
     x, y, z = np.asarray(model.opt.gravity, dtype=np.float64).tolist()
