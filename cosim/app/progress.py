@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, final
 
 from cosim.telemetry.snapshot import RunInfo, Snapshot
@@ -18,10 +19,11 @@ class ProgressLine:
     Args:
         draw: writes a text without an end of line.
         renews: whether what it writes to is a terminal.
+        started: `time.perf_counter()` at the start of the command; None: when the simulation has been built.
     """
 
-    def __init__(self, draw: Callable[[str], object], *, renews: bool) -> None:
-        self._draw, self._renews = draw, renews
+    def __init__(self, draw: Callable[[str], object], *, renews: bool, started: float | None = None) -> None:
+        self._draw, self._renews, self._commanded = draw, renews, started
         self._stage: RunInfo | None = None
         self._first: Snapshot | None = None
         self._last: Snapshot | None = None
@@ -62,8 +64,9 @@ class ProgressLine:
     def _show(self, end: str) -> None:
         if self._stage is None or self._first is None or self._last is None:
             return
-        line = progress_line(self._stage, self._last, self._seen - self._started, self._first)
-        self._write(line, end)
+        begun = self._started if self._commanded is None else self._commanded
+        spent = Spent(self._seen - begun, self._seen - self._started)
+        self._write(progress_line(self._stage, self._last, spent, self._first), end)
 
     def _write(self, line: str, end: str) -> None:
         self._draw(self._start + line + end)
@@ -101,13 +104,34 @@ class ProgressBar(ProgressLine):
             self._in_notebook.update(_as_text(line), raw=True)
 
 
-def progress_line(stage: RunInfo, snapshot: Snapshot, wall_s: float, first: Snapshot) -> str:
-    """Return the text of the progress line after `wall_s` seconds of the loop that began with `first`."""
+@final
+@dataclass(frozen=True)
+class Spent:
+    """Wall time until now.
+
+    Args:
+        command_s: since the start of the command [s].
+        loop_s: since the first tick [s].
+    """
+
+    command_s: float
+    loop_s: float
+
+
+def progress_line(stage: RunInfo, snapshot: Snapshot, spent: Spent, first: Snapshot) -> str:
+    """Return the text of the progress line: how far, how fast, and how long the ticks still take.
+
+    Args:
+        stage: of the run.
+        snapshot: the last tick.
+        spent: until this tick.
+        first: the first tick of this command.
+    """
     fraction = snapshot.tick / stage.ticks if stage.ticks else 1.0
     filled = min(_BAR, int(_BAR * fraction))
-    factor = (snapshot.time_s - first.time_s) / wall_s if wall_s > 0.0 else 0.0
+    factor = (snapshot.time_s - first.time_s) / spent.command_s if spent.command_s > 0.0 else 0.0
     done, to_do = snapshot.tick - first.tick, stage.ticks - snapshot.tick
-    left = "..." if not done else f"{clock(wall_s * to_do / done)} left" if to_do else "done"
+    left = "..." if not done else f"{clock(spent.loop_s * to_do / done)} left" if to_do else "done"
     bar = "#" * filled + "." * (_BAR - filled)
     return (
         f"[{bar}] {100 * fraction:3.0f} %  {stage.phase_names[snapshot.phase]:<12} "

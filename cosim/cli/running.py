@@ -34,10 +34,11 @@ class TerminalLine(progress.ProgressLine):
 
     Args:
         stream: where to draw, usually stderr.
+        started: `time.perf_counter()` at the start of the command; None: when the simulation has been built.
     """
 
-    def __init__(self, stream: TextIO) -> None:
-        super().__init__(partial(draw, stream=stream), renews=stream.isatty())
+    def __init__(self, stream: TextIO, started: float | None = None) -> None:
+        super().__init__(partial(draw, stream=stream), renews=stream.isatty(), started=started)
         self._stream = stream
 
     def tell(self, text: str) -> None:
@@ -156,7 +157,7 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
         raise InputError("--checkpoint-every: several arms write no checkpoints; leave it out")
     directory = out if out is not None else run_files.default_directory(scenario.name)
     run_files.check_directory(directory)
-    line, kept = TerminalLine(sys.stderr), kept_parts.KeptParts(on_disk=True)
+    line, kept = TerminalLine(sys.stderr, how.started), kept_parts.KeptParts(on_disk=True)
     if not how.quiet:
         _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     report = _ignore if how.quiet else line.tell
@@ -220,7 +221,7 @@ def resume_command(directory: Path, how: RunOptions) -> int:
 
 
 def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bool) -> int:
-    line = TerminalLine(sys.stderr)
+    line = TerminalLine(sys.stderr, how.started)
     report = _ignore if how.quiet else line.tell
     kept = kept_parts.KeptParts(on_disk=True)
     with logged_to(report):

@@ -180,7 +180,7 @@ class Row:
 
 PHASES: Final = "phases"
 """What names of the figures of every phase begin with."""
-_OF_THE_CLOCK: Final = frozenset({"startup_s", "wall_s", "real_time_factor"})
+_OF_THE_CLOCK: Final = frozenset({"startup_s", "wall_s", "command_s", "real_time_factor"})
 """What differs from one time to the next."""
 _PASSED_OVER: Final = frozenset(
     {"schema", "phases", "arm", "modelled", "expected_error", "warnings", "resumed_at_ticks"}

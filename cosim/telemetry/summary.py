@@ -121,12 +121,15 @@ def warnings_line(summary: dict[str, Any]) -> str:
 
 def files_line(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> str:
     """Return how the run ended, and what it left."""
-    factor = summary["real_time_factor"] or 0.0
+    command_s, bars_s = summary["command_s"], summary["error"]["wall_s"]
+    factor = summary["simulated_s"] / command_s if command_s > 0.0 else 0.0
+    spent = [f"start {summary['startup_s']:.1f} s", f"ticks {summary['wall_s']:.1f} s"]
+    spent += [f"error bars {bars_s:.1f} s"] if bars_s > 0.0 else []
     names = ["summary.json", *(path.name for path in recordings[-1:])]
     look = f"; open it: cosim view {directory}" if recordings else ""
     return (
         f"{directory}: {', '.join(names)}{look}; {summary['status']}, {summary['simulated_s']:.2f} s in "
-        f"{summary['wall_s']:.2f} s (x{factor:.2f} real time)"
+        f"{command_s:.2f} s ({', '.join(spent)}; x{factor:.2f} real time)"
     )
 
 
@@ -203,14 +206,14 @@ def _scaled(value: Any, scale: float, digits: int = 1) -> str:
 
 def summary_markdown(summary: dict[str, Any]) -> str:
     """Return the summary as a Markdown text for people."""
-    factor = summary["real_time_factor"]
     lines = [
         f"## {summary['title']}",
         "",
         f"Status: **{summary['status']}**" + (f" ({summary['reason']})" if summary["reason"] else ""),
         "",
-        f"- {summary['simulated_s']:.3f} s simulated in {summary['wall_s']:.2f} s"
-        + (f", real-time factor {factor:.2f}" if factor is not None else ""),
+        f"- {summary['simulated_s']:.3f} s simulated in {summary['command_s']:.2f} s: start "
+        f"{summary['startup_s']:.2f} s, ticks {summary['wall_s']:.2f} s, error bars "
+        f"{summary['error']['wall_s']:.2f} s",
         f"- {summary['ticks']} of {summary['planned_ticks']} ticks of {1e3 * summary['tick_s']:g} ms, "
         f"{summary['newton_iterations']} Newton iterations"
         + (f", {summary['slides']} slides to another branch of equilibria" if summary["slides"] else ""),
@@ -415,6 +418,7 @@ class SummaryBuilder:
             "tick_s": stage.tick_s,
             "startup_s": self._startup_s,
             "wall_s": wall_s,
+            "command_s": self._startup_s + wall_s + errors.wall_s,
             "simulated_s": simulated_s,
             "real_time_factor": simulated_s / wall_s if wall_s > 0.0 else None,
             "ticks": last.tick if last is not None else 0,

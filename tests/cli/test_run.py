@@ -341,6 +341,22 @@ def test_the_last_progress_line_leaves_out_what_followed_the_run(
     assert stream.getvalue().splitlines()[-1].endswith("x0.50 real time  done")
 
 
+def test_the_progress_line_counts_from_the_start_of_the_command(
+    made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 0.0
+    monkeypatch.setattr("cosim.app.progress.time.perf_counter", lambda: now_s)
+    stream, simulation = io.StringIO(), made_up_build()(load_scenario(REFERENCE))
+    progress = TerminalLine(stream, started=now_s)
+    duration_s = now_s = simulation.stage.duration_s  # for loading, building and planning
+    progress.open(simulation.stage)
+    for batch in simulation.batches():
+        now_s = max(now_s, duration_s + batch.snapshot(-1).time_s)
+        progress.observe(batch)
+    progress.close()
+    assert stream.getvalue().splitlines()[-1].endswith("x0.50 real time  done")
+
+
 @pytest.mark.parametrize(("seconds", "text"), [(0.4, "0:00"), (61.0, "1:01"), (3725.0, "1:02:05")])
 def test_durations_are_shown_as_clocks(seconds: float, text: str) -> None:
     assert clock(seconds) == text

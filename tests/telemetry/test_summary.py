@@ -39,6 +39,7 @@ def test_the_summary_adds_up(summary: dict[str, Any]) -> None:
     assert summary["max_equilibrium_residual_N"] == pytest.approx(25e-9)
     assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
     assert summary["real_time_factor"] == pytest.approx(25 * 0.004 / 0.01)
+    assert summary["command_s"] == pytest.approx(1.5 + 0.01)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
