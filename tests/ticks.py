@@ -13,8 +13,7 @@ from cosim.base.columns import TickColumns
 from cosim.base.frames import Array
 from cosim.coupling.film_figures import ShapeFigures
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 
 def read_film(nodes: Array, volumes_m3: Array, tip: Array, direction: Array, length_m: float) -> FilmShapes:

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.atlas.extremes import Verdict, judged
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import Snapshot
 
 SCENARIO = "ur5e_hexagon_arm"
 ARM_MASS_KG = 17.7  # the UR5e's moving links

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, final
 
-from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 _REDRAW_S: Final = 0.2
 _BAR: Final = 24

@@ -111,7 +111,7 @@ class Columns:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Row(Columns):
+class TableRow(Columns):
     """A row of a table: its columns are attributes, single numbers, or arrays that nobody can write to.
 
     Args:
@@ -186,7 +186,7 @@ class Column:
     @overload
     def __get__(self, held: None, owner: type) -> "Column": ...
     @overload
-    def __get__(self, held: Row, owner: type) -> Any: ...
+    def __get__(self, held: TableRow, owner: type) -> Any: ...
     @overload
     def __get__(self, held: Columns, owner: type) -> NDArray[Any]: ...
     def __get__(self, held: Columns | None, owner: type) -> Any:

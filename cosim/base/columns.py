@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.column import Column, Columns, Row, RunFigure, View
+from cosim.base.column import Column, Columns, RunFigure, TableRow, View
 from cosim.base.frames import Array, IntArray, Mask, Twist, Wrench, quaternions_from_rotations
 
 _NONE: Final = np.zeros(0)
@@ -426,7 +426,7 @@ class TickTable(TickColumns):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TickRow(Row, TickColumns):
+class TickRow(TableRow, TickColumns):
     """One tick: its columns are attributes, `wrench` a `Wrench`, `flange_twist` a `Twist`.
 
     Args:

@@ -22,8 +22,8 @@ from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 _ROUNDING: Final = 1e-12
 _MOVES = 1e-6  # of an eigenvalue of A: below it is what a tick forgets

@@ -23,7 +23,7 @@ class RecordingPart:
     """
 
     run_id: str
-    before: tuple[snapshot.Snapshot, snapshot.Snapshot] | None = None
+    before: tuple[tick_batch.Snapshot, tick_batch.Snapshot] | None = None
 
 
 class Recorder(ABC):
@@ -37,7 +37,7 @@ class Recorder(ABC):
             stage: constants of the run.
         """
 
-    def lay_out(self, first: snapshot.Snapshot) -> None:  # noqa: B027
+    def lay_out(self, first: tick_batch.Snapshot) -> None:  # noqa: B027
         """Prepare for the first snapshot before it is recorded; optional.
 
         Args:
@@ -93,7 +93,7 @@ class Recorders(Recorder):
         for recorder in self._recorders:
             recorder.open(stage)
 
-    def lay_out(self, first: snapshot.Snapshot) -> None:
+    def lay_out(self, first: tick_batch.Snapshot) -> None:
         """Lay out all."""
         for recorder in self._recorders:
             recorder.lay_out(first)

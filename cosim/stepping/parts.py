@@ -30,8 +30,7 @@ from cosim.soft.solve import branching, self_contact
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 
 def passed_paths(phases: Sequence[PhasePlan], tick_s: float | None) -> dict[int, tip_errors.TipPathInfo]:

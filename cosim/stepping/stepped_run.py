@@ -18,7 +18,8 @@ from cosim.plan.plan import Plan
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.parts import Parts
 from cosim.telemetry import cameras, tick_batch
-from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
+from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.tick_batch import Snapshot
 
 _LOOKS: Final = 8
 """Looks in a phase, at most, at whether films overlap; the last one at its end."""

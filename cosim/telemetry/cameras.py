@@ -9,8 +9,8 @@ import numpy as np
 from cosim.base.frames import Array, rotation_from_quaternion
 from cosim.config.schema.sensors import CameraTable
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import CameraImage, RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 if TYPE_CHECKING:
     from cosim.rigid.scene.renderer import SceneRenderer

@@ -14,24 +14,25 @@ integrator turns that into kinetic energy; what is missing there is lost. So the
 such loss: it is the error of the balance.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, final
+from typing import Any, Final, NamedTuple, TypeAlias, final
 
 import numpy as np
 
+from cosim.base.columns import TickTable
 from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
 from cosim.base.names import TERMS, WORKS
+from cosim.coupling.film_figures import TickPieces
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
 
-if TYPE_CHECKING:
-    from cosim.telemetry.tick_batch import TickBatch
-
+Pieces: TypeAlias = Mapping[int, TickPieces]
+"""Of ticks that were taken in pieces, by row."""
 DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(KINETIC + 1, KINETIC + 7)
 _ELASTIC_S: Final = 0.1
 """Simulated time between those: the energy of the film costs a fifth of a tick."""
@@ -218,9 +219,9 @@ class EnergyParts(Shown):
         """Return the balance before the first tick."""
         return EnergyFigures()
 
-    def after(self, before: EnergyFigures, batch: "TickBatch") -> tuple[EnergyFigures, Array]:
+    def after(self, before: EnergyFigures, batch: TickTable, pieces: Pieces) -> tuple[EnergyFigures, Array]:
         """Return the balance with some ticks more, and its terms at each of them, see `balance_after`."""
-        return balance_after(before, batch, self)
+        return balance_after(before, batch, pieces, self)
 
 
 def _lost(body: SoftBody) -> Callable[[Array], Array]:
@@ -242,7 +243,7 @@ def _always(share: Array, _positions: Array) -> Array:
 
 
 def balance_after(
-    before: EnergyFigures, batch: "TickBatch", parts: EnergyParts
+    before: EnergyFigures, batch: TickTable, pieces: Pieces, parts: EnergyParts
 ) -> tuple[EnergyFigures, Array]:
     """Return the balance with some ticks more, and its `TERMS` at each of them (k, terms) [J].
 
@@ -273,7 +274,7 @@ def balance_after(
         both = options.integrator == "bdf2"
         for t in range(len(x)):
             sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and before.ticks + t > 0)
-    begun = _moved(before, batch, parts, motion, sums[1:])
+    begun = _moved(before, batch, pieces, parts, motion, sums[1:])
     each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
     each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
         [
@@ -298,7 +299,7 @@ def balance_after(
 
 
 def _moved(
-    before: EnergyFigures, batch: "TickBatch", parts: EnergyParts, motion: Array, sums: Array
+    before: EnergyFigures, batch: TickTable, pieces: Pieces, parts: EnergyParts, motion: Array, sums: Array
 ) -> Array | None:
     """Fill the sums of ticks, and bring the motion to their end, as `fill_motion` does; return `begun`.
 
@@ -310,14 +311,14 @@ def _moved(
     shown = batch.node_position, batch.flange_twist, batch.flange_position
     x, twist, origin = (np.require(each, None, ["C", "W"]) for each in shown)
     mass, gravity = parts.mass.copy(), parts.gravity.copy()
-    for end in [*sorted(batch.pieces), len(x)]:
+    for end in [*sorted(pieces), len(x)]:
         if at < end:
             if begun is not None:
                 motion[1], motion[3] = begun
             begun, pace = None, _Pace(both, parts.tick_s, before.ticks + at, gravity)
             fill_motion(x[at:end], mass, twist[at:end], origin[at:end], pace, motion, sums[at:end])
         if end < len(x):
-            known = batch.pieces[end]
+            known = pieces[end]
             shown = known.positions, known.twist, known.origin
             places, twists, origins = (np.require(each, None, ["C", "W"]) for each in shown)
             pace = _Pace(both, parts.tick_s / len(places), int(begun is not None), gravity)

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, final
-from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.columns import TickRow
-from cosim.base.frames import Array, IntArray, Pose, Shown, Wrench
+from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.solid import BodyShape
-from cosim.devices.device_report import ActuationReport, DeviceNames, SensorNames
+from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.plan.decision import Decision
 
 if TYPE_CHECKING:
-    from cosim.base.solid import LinkContact
     from cosim.plan.arm_limits import PlannedArm
     from cosim.plan.tip_errors import TipPathInfo
     from cosim.soft.beams.beam_rings import StiffenerStrain
-    from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
     from cosim.telemetry.energy import EnergyParts
-    from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
@@ -242,86 +237,3 @@ class RunErrors:
     reason: str | None = None
     iterations: int = 0
     wall_s: float = 0.0
-
-
-@final
-@dataclass(frozen=True, repr=False, eq=False)
-class Snapshot(TickRow):
-    """State at the end of one tick; nobody can write to its arrays.
-
-    Its columns are attributes, see `TickBatch`, such as `time_s`, a number, and `tip_position` (3,). `wrench`
-    is a `Wrench`, `flange_twist` a `Twist`, and `tip_target` None where there is no target.
-
-    Args:
-        table: the tick as a batch.
-    """
-
-    table: TickBatch
-
-    @property
-    def world_from_flange(self) -> Pose:
-        """Pose of the flange."""
-        return Pose(self.flange_rotation, self.flange_position)
-
-    @property
-    def flange_wrench(self) -> Wrench:
-        """What all that hangs on the flange exerts on it, at its origin, world axes."""
-        return Wrench(self.flange_force, self.flange_torque)
-
-    @property
-    def devices(self) -> ActuationReport | None:
-        """What pumps, winches and controllers do; None in a scenario without."""
-        return self.table.devices[0]
-
-    @property
-    def link_contacts(self) -> tuple[LinkContact, ...]:
-        """Of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`."""
-        return self.table.link_contacts.get(0, ())
-
-    @property
-    def branchings(self) -> tuple[Branching, ...]:
-        """Unstable states that the soft robot has met in the tick, or is in."""
-        return self.table.branchings.get(0, ())
-
-    @property
-    def overlaps(self) -> tuple[FilmOverlap, ...]:
-        """Of its films, at ticks at which they are looked for."""
-        return self.table.overlaps.get(0, ())
-
-    @property
-    def footing(self) -> Footing | None:
-        """How firmly the soft robot stands, at the end of a phase; None where it is not known."""
-        return self.table.footing.get(0)
-
-    @property
-    def images(self) -> tuple[CameraImage, ...]:
-        """Of the cameras whose next picture is due at this tick."""
-        return self.table.images.get(0, ())
-
-    @property
-    def ledger(self) -> Snapshot:
-        """The snapshot: `snapshot.ledger.contacts` is `snapshot.contacts`."""
-        warn("Snapshot.ledger: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
-        return self
-
-    @property
-    def film(self) -> Snapshot:
-        """The snapshot: `snapshot.film.tip_position` is `snapshot.tip_position`."""
-        warn("Snapshot.film: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
-        return self
-
-    def kept(self) -> Snapshot:
-        """Return the same with all that is shown of the film read, without pictures: what is saved."""
-        return Snapshot(replace(self.table, film=self.table.film.read(), images={}))
-
-    def __repr__(self) -> str:
-        """Return two lines: when, and what is there then."""
-        tip = ", ".join(f"{1e3 * value:.1f}" for value in self.tip_position)
-        pressures = ", ".join(f"{1e-3 * value:g}" for value in self.chamber_pressure_Pa)
-        return (
-            f"Snapshot of tick {self.tick}, {self.time_s:g} s, phase {self.phase}: "
-            f"{len(self.joint_position)} joints, {len(self.body_position)} bodies, "
-            f"{len(self.node_position)} nodes\n"
-            f"tip at ({tip}) mm, sag {1e3 * self.sag_m:.1f} mm, {pressures} kPa, "
-            f"{self.contacts} contacts, residual {self.residual_N:.1e} N"
-        )

@@ -17,7 +17,8 @@ from cosim.telemetry import bounds, figures, holding, tick_batch, touched
 from cosim.telemetry.energy_figures import EnergyFigures
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
-from cosim.telemetry.snapshot import RunErrors, RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunErrors, RunInfo
+from cosim.telemetry.tick_batch import Snapshot
 
 _ITSELF: Final = "contact with itself"
 _NAMED: Final = 3
@@ -360,7 +361,7 @@ class SummaryBuilder:
             state = replace(self._state, began=(state.last.time_s, self._height(state.last)))
         energy = state.energy
         if energy is not None and stage.energy is not None:
-            energy, each = stage.energy.after(energy, batch)
+            energy, each = stage.energy.after(energy, batch, batch.pieces)
             batch = replace(batch, arrays={**batch.arrays, "energy_J": each})
         last, path = batch.snapshot(-1), stage.tip_paths.get(int(batch.phase[0]))
         branchings, overlaps = state.branchings, state.overlaps

@@ -1,21 +1,22 @@
-"""Many ticks as columns: together they are read at a fraction of what they cost one by one."""
+"""Many ticks as columns, read together at a fraction of what they cost one by one; and a row of them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, final
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.column import listing_columns
-from cosim.base.columns import TickTable
-from cosim.base.frames import IntArray, read_only
+from cosim.base.columns import TickRow, TickTable
+from cosim.base.frames import IntArray, Pose, Wrench, read_only
 from cosim.coupling.film_figures import TickPieces
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import CameraImage, Snapshot
+from cosim.telemetry.snapshot import CameraImage
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
@@ -99,7 +100,7 @@ class TickBatch(TickTable):
         return TickBatch(
             {name: array[rows] for name, array in self.arrays.items()},
             self.film.some(rows),
-            tuple(self.devices[row] for row in places),
+            tuple(self.devices[row] for row in rows.tolist()),
             **{name: by_row(getattr(self, name)) for name in _BY_ROW_ONLY},
         )
 
@@ -121,3 +122,86 @@ class TickBatch(TickTable):
         film, rare = self.film.some(np.array([k])), vars(self)
         by_row = {name: {0: rare[name][k]} for name in _BY_ROW if k in rare[name]}
         return Snapshot(TickBatch(arrays, film, (self.devices[k],), **by_row))
+
+
+@final
+@dataclass(frozen=True, repr=False, eq=False)
+class Snapshot(TickRow):
+    """State at the end of one tick; nobody can write to its arrays.
+
+    Its columns are attributes, see `TickBatch`, such as `time_s`, a number, and `tip_position` (3,). `wrench`
+    is a `Wrench`, `flange_twist` a `Twist`, and `tip_target` None where there is no target.
+
+    Args:
+        table: the tick as a batch.
+    """
+
+    table: TickBatch
+
+    @property
+    def world_from_flange(self) -> Pose:
+        """Pose of the flange."""
+        return Pose(self.flange_rotation, self.flange_position)
+
+    @property
+    def flange_wrench(self) -> Wrench:
+        """What all that hangs on the flange exerts on it, at its origin, world axes."""
+        return Wrench(self.flange_force, self.flange_torque)
+
+    @property
+    def devices(self) -> ActuationReport | None:
+        """What pumps, winches and controllers do; None in a scenario without."""
+        return self.table.devices[0]
+
+    @property
+    def link_contacts(self) -> tuple[LinkContact, ...]:
+        """Of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`."""
+        return self.table.link_contacts.get(0, ())
+
+    @property
+    def branchings(self) -> tuple[Branching, ...]:
+        """Unstable states that the soft robot has met in the tick, or is in."""
+        return self.table.branchings.get(0, ())
+
+    @property
+    def overlaps(self) -> tuple[FilmOverlap, ...]:
+        """Of its films, at ticks at which they are looked for."""
+        return self.table.overlaps.get(0, ())
+
+    @property
+    def footing(self) -> Footing | None:
+        """How firmly the soft robot stands, at the end of a phase; None where it is not known."""
+        return self.table.footing.get(0)
+
+    @property
+    def images(self) -> tuple[CameraImage, ...]:
+        """Of the cameras whose next picture is due at this tick."""
+        return self.table.images.get(0, ())
+
+    @property
+    def ledger(self) -> Snapshot:
+        """The snapshot: `snapshot.ledger.contacts` is `snapshot.contacts`."""
+        warn("Snapshot.ledger: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
+        return self
+
+    @property
+    def film(self) -> Snapshot:
+        """The snapshot: `snapshot.film.tip_position` is `snapshot.tip_position`."""
+        warn("Snapshot.film: read its figures off the snapshot", DeprecationWarning, stacklevel=2)
+        return self
+
+    def kept(self) -> Snapshot:
+        """Return the same with all that is shown of the film read, without pictures: what is saved."""
+        return Snapshot(replace(self.table, film=self.table.film.read(), images={}))
+
+    def __repr__(self) -> str:
+        """Return two lines: when, and what is there then."""
+        tip = ", ".join(f"{1e3 * value:.1f}" for value in self.tip_position)
+        pressures = ", ".join(f"{1e-3 * value:g}" for value in self.chamber_pressure_Pa)
+        return (
+            f"Snapshot of tick {self.tick}, {self.time_s:g} s, phase {self.phase}: "
+            f"{len(self.joint_position)} joints, {len(self.body_position)} bodies, "
+            f"{len(self.node_position)} nodes\n"
+            f"tip at ({tip}) mm, sag {1e3 * self.sag_m:.1f} mm, {pressures} kPa, "
+            f"{self.contacts} contacts, residual {self.residual_N:.1e} N"
+        )

@@ -16,7 +16,7 @@ from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import Snapshot
 
 # The fingers start around the roll, so that they soon hold it; three fingers, three points each at most.
 GRASP: dict[str, Any] = {

@@ -16,8 +16,8 @@ from cosim.base.frames import Array, Pose, quaternion_from_rotation, rotation_fr
 from cosim.base.solid import BodyShape
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.ticks import made_tick, read_film
 
 MakeStage: TypeAlias = Callable[..., RunInfo]

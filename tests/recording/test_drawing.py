@@ -13,7 +13,8 @@ from cosim.recording.film_colours import stress_scale
 from cosim.recording.lines import crease_lines
 from cosim.recording.rigid_meshes import corner_normals
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import RunInfo, Snapshot
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import Snapshot
 
 MakeStage = Callable[..., RunInfo]
 MakeSnapshot = Callable[..., Snapshot]

@@ -19,8 +19,8 @@ from cosim.recording import rerun_recorder
 from cosim.recording.recorder import Recorders, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import RunInfo, Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 pytestmark = pytest.mark.usefixtures("strict")
 
@@ -36,7 +36,7 @@ def test_killed_process_leaves_all_but_the_last_second(rrd: Path, tmp_path: Path
         "import os, runpy, sys, time\n"
         "from pathlib import Path\n"
         "from cosim.recording.rerun_recorder import RerunRecorder\n"
-        "from cosim.telemetry.tick_batch import TickBatch\n"
+        "from cosim.telemetry.tick_batch import Snapshot, TickBatch\n"
         f"made_up = runpy.run_path({str(Path(__file__).with_name('conftest.py'))!r})\n"
         "stage = made_up['make_stage']()\n"
         "recorder = RerunRecorder(Path(sys.argv[1]))\n"

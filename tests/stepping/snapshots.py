@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import Snapshot
 
 
 def numbers(snapshot: Snapshot) -> dict[str, Any]:

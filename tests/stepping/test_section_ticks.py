@@ -20,8 +20,7 @@ from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
 from cosim.stepping.scene_carrier import ArmCarrier
 from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.small_section import on_a_ur5e, section
 from tests.stepping.snapshots import assert_close
 

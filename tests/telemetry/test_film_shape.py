@@ -17,7 +17,7 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.coupling.soft_sides.shape_reader import MeshReader
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import Snapshot
+from cosim.telemetry.tick_batch import Snapshot
 from tests.soft.bodies import hexagon_arm
 
 READ_LATER = ("node_position", "tip_position", "tip_direction", "sag_m", "volume_m3", "chamber_volume_m3")

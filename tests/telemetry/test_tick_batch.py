@@ -22,8 +22,7 @@ from cosim.base.frames import (
 from cosim.base.solid import LinkContact
 from cosim.config.loading import load_scenario
 from cosim.devices.measurement import bending_angle
-from cosim.telemetry.snapshot import Snapshot
-from cosim.telemetry.tick_batch import TickBatch
+from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.conftest import made_up_snapshot
 from tests.ticks import changed
 
