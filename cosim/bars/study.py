@@ -47,7 +47,7 @@ SHARE: Final = 0.25
 """Of the run's processor time, that of all phases at most; else it is the last one alone."""
 _MOST: Final = 4.0
 """Times as much, that of the last phase at most."""
-LEAST_s: Final = 1.0
+LEAST_s: Final = 3.0
 """That may be spent on any run."""
 _SECTION_s: Final = 15.0
 """The same of a section model, which always takes less than its film."""
