@@ -477,7 +477,7 @@ def warm_up() -> None:
     """Compile all kernels that a run with an arm imports, whether it calls them or not."""
     from cosim.base.compilation import compile_modules  # here: it brings the compiler
     from cosim.build import arm_parts, simulation  # noqa: F401  # with all that they import
-    from cosim.recording import colours  # noqa: F401
+    from cosim.recording import film_colours  # noqa: F401
     from cosim.stepping import scene_carrier  # noqa: F401
 
     compile_modules(module for name, module in list(sys.modules.items()) if name.startswith("cosim."))

@@ -27,19 +27,29 @@ ITERATIONS_MAX = 600
 """Of each try to find a state at rest, on either mesh."""
 PATIENCE = 100
 """Iterations within which a slide to rest halves what is out of balance, on either mesh."""
+_FOLDED = 100.0
+"""Times as far out of balance as without it: what is taken along from another state has folded films."""
 _LEFT_N = 0.005
 """Out of balance on the refined mesh: it changes bars by at most 0.3 %, those of fingers most."""
 NOTHING_PRESSES = FilmMemory(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
 
 
 def least_out_of_balance(
-    side: lumped_arm.SoftArm, starts: Sequence[SoftState], flange: Pose, loads: Loads
+    side: lumped_arm.SoftArm, starts: Sequence[SoftState], flange: Pose, loads: Loads, along: float = 1.0
 ) -> SoftState:
-    """Return the start, of some, that is the least out of balance: what is taken along may fold films."""
+    """Return the start that is the less out of balance: what is taken along may fold films.
+
+    Args:
+        side: the body.
+        starts: the plain one and, where there is one, that with a difference that is taken along.
+        flange: pose.
+        loads: that act.
+        along: how many times as far out of balance as the plain one the other may be.
+    """
     if len(starts) == 1:
         return starts[0]
-    solver = side.equilibrium_solver
-    return min(starts, key=lambda start: solver.out_of_balance(start, flange, loads))
+    plain_N, along_N = (side.equilibrium_solver.out_of_balance(start, flange, loads) for start in starts)
+    return starts[1] if along_N < along * plain_N else starts[0]
 
 
 @contextmanager
@@ -103,7 +113,8 @@ class FinerMesh:
             turn = flange.rotation @ finer.world_from_flange.rotation.T
             away = finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)
             starts.append(SoftState.at_rest(wanted + away @ turn.T, finer.state.memory))
-        start = least_out_of_balance(side, starts, flange, loads)
+        # what is taken along leads to the same of several shapes near one another
+        start = least_out_of_balance(side, starts, flange, loads, along=_FOLDED)
         if rest.loads.self_contact is not None:  # films that press on the run's mesh do so on this one
             start = replace(start, touching=NOTHING_PRESSES)
         most = self._iterations_max
