@@ -34,7 +34,7 @@ _OUTCOMES: Final = {0: "goes on", 1: "fails by name", 2: "refused"}
 _INTERRUPTED: Final = """
 import sys
 from cosim.cli.main import main
-from cosim.cli.screen import Interruption
+from cosim.cli.interruption import Interruption
 from cosim.stepping import stepped_run
 
 stepped_run._SHOWN_S = 0.0  # each increment is shown, and the reason asked for, by itself
