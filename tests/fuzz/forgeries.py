@@ -186,6 +186,11 @@ def _lying_size(path: Path, random: Random) -> bytes:
     return data if at < 0 else data[: at + 10] + b"9" + data[at + 11 :]
 
 
+def _cast(kind: type[np.generic]) -> Callable[[Any, Random], Any]:
+    """Return what makes other numbers of an array; texts, which are no numbers, are cut."""
+    return lambda array, random: array.astype("U3" if array.dtype.kind == "U" else kind)
+
+
 _FORGERIES: dict[str, Callable[[Path, Random], bytes]] = {
     "bits of the file": _bits,
     "torn": _torn,
@@ -196,10 +201,10 @@ _FORGERIES: dict[str, Callable[[Path, Random], bytes]] = {
     "turned": _of_arrays(lambda array, random: np.array(array).T.copy()),
     "by columns": _of_arrays(lambda array, random: np.asfortranarray(array)),
     "nothing in it": _of_arrays(lambda array, random: array.reshape(-1)[:0]),
-    "single precision": _of_arrays(lambda array, random: array.astype(np.float32)),
+    "single precision": _of_arrays(_cast(np.float32)),
     "bytes reversed": _of_arrays(lambda array, random: array.astype(array.dtype.newbyteorder())),
     "texts": _of_arrays(lambda array, random: array.astype("U8")),
-    "complex": _of_arrays(lambda array, random: array.astype(np.complex128)),
+    "complex": _of_arrays(_cast(np.complex128)),
     "not a number": _of_arrays(_filled(float("nan"))),
     "infinite": _of_arrays(_filled(float("inf"))),
     "huge": _of_arrays(_filled(1e300)),
