@@ -38,7 +38,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.frames import Array, Pose
 from cosim.config.loading import load_scenario
 from cosim.config.toml.reading import parse_assignment

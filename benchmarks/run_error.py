@@ -29,7 +29,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.bars.calibration import (
     DRAWN,
     FIGURES,

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from cosim.app import driver
+from cosim.app import driver, preparation
+from cosim.app.error_bars import bars_finder
 from cosim.app.run_files import default_directory
 from cosim.base import kept_parts
 from cosim.config import loading, rules, several_arms
@@ -56,22 +57,19 @@ def run(
         RunInterrupted: by Ctrl-C; the same.
     """
     started = time.perf_counter()
-    named = driver.named_body(body)
+    named = preparation.named_body(body)
     loaded = loading.load_scenario(scenario, overrides, named and named.table())
     rules.check_ends(loaded)
     kept = kept_parts.KeptParts(on_disk=True)
-    checked = driver.prepared(loaded, driver.log, kept=kept)
+    checked = preparation.prepared(loaded, preparation.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     recorder = driver.rerun_recorder if recording else None
-    options = driver.Options(
-        directory, recorder, [arrays, *observers], error=error, tell=driver.log, kept=kept
-    )
-    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "tell": driver.log}
-    given["kept"] = kept
-    build = partial(
-        driver.build_simulation, **{key: value for key, value in given.items() if value is not None}
-    )
+    find_bars = bars_finder(error, preparation.log, kept)
+    options = driver.Options(directory, recorder, [arrays, *observers], find_bars=find_bars)
+    given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "kept": kept}
+    given = {key: value for key, value in given.items() if value is not None}
+    build = partial(preparation.build_simulation, tell=preparation.log, **given)
     outcome = driver.execute(checked, build, options, started)
     result = replace(arrays.result(outcome.summary, directory), scenario=checked, ends=outcome.ends)
     log_ending(outcome.summary)
@@ -103,10 +101,10 @@ def run_arms(
     """
     started = time.perf_counter()
     loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(on_disk=True)
-    checked = driver.prepared_arms(loaded, driver.log, kept=kept)
+    checked = preparation.prepared_arms(loaded, preparation.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
-    options = driver.Options(directory, driver.rerun_recorder if recording else None, tell=driver.log)
+    options = driver.Options(directory, driver.rerun_recorder if recording else None, tell=preparation.log)
     outcomes = driver.execute_arms(
         checked, options, {name: [each] for name, each in arrays.items()}, started, kept
     )
@@ -126,7 +124,7 @@ def log_ending(summary: dict[str, Any]) -> None:
     for line in (
         *summary["warnings"], *branching_lines(summary["branchings"]), *standing_lines(summary["phases"])
     ):  # fmt: skip
-        driver.log(line)
+        preparation.log(line)
 
 
 def raise_ended(error: BaseException, result: object, directory: Path | None) -> NoReturn:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, final
 
 import numpy as np
 
-from cosim.app.driver import log, named_body, prepared
+from cosim.app.preparation import log, named_body, prepared
 from cosim.base import kept_parts, state_file
 from cosim.base.columns import TickRow, TickTable
 from cosim.base.frames import Array, IntArray, Wrench

@@ -1,22 +1,10 @@
-"""Runs a scenario from the first tick to the files that it leaves, and prepares what a run needs before.
-
-Runs a built simulation: feeds its ticks to observers, and ends in good order whatever happens.
-
-What follows a run while it lasts.
-
-Keeps the arrays of a run on disk while it lasts, beside its recording.
-
-What a first run on a machine waits for: kernels are compiled, section models built, choices measured.
-"""
+"""Runs a scenario: feeds its ticks to whatever follows it, and ends files in good order whatever happens."""
 
 from __future__ import annotations
 
-import logging
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from copy import deepcopy
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, islice
@@ -25,24 +13,23 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 from uuid import uuid4
 
 from cosim._version import __version__
+from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import CheckpointKeeper, Origin, read_checkpoint
-from cosim.app.run_files import ARRAYS, FRAMES, RECORDING, SCENARIO, OutputDirectory, RunFiles, images_file
+from cosim.app.output_directory import OutputDirectory
+from cosim.app.run_files import RECORDING, SCENARIO, RunFiles
 from cosim.base.files import files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import RecordingTable
-from cosim.config.several_arms import ArmsScenario, of_arm
-from cosim.errors import OutputError, SolverError
+from cosim.config.several_arms import ArmsScenario
+from cosim.errors import SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
-from cosim.results.array_files import write_arrays, write_images
-from cosim.results.result import ResultBuilder
 from cosim.telemetry.phase_ends import PhaseEnds
 from cosim.telemetry.snapshot import RunErrors, RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
-    from cosim.build.given_body import AnyBody, NamedBody
     from cosim.stepping.stepped_run import SteppedRun
 
 
@@ -67,57 +54,9 @@ class Observer(Protocol):
         """The run has ended, one way or another."""
 
 
-@final
-class ArrayRecorder(Recorder):
-    """Writes what was gathered as its own part, at every checkpoint and at the end.
-
-    Args:
-        next_part: returns the path of the next part of a file, by the name of its first part.
-        frames_per_s: how often node positions are kept, in simulated time.
-        part: of the run.
-    """
-
-    def __init__(self, next_part: Callable[[str], Path], frames_per_s: float, part: RecordingPart) -> None:
-        self._next_part, self._frames_per_s = next_part, frames_per_s
-        self._gathered = ResultBuilder(frames_per_s, None if part.before is None else part.before[1].time_s)
-        self._stage: RunInfo | None = None
-        self._written = False
-
-    def open(self, stage: RunInfo) -> None:
-        """Take in what does not change during the run."""
-        self._stage = stage
-
-    def record(self, batch: TickBatch) -> None:
-        """Take in some ticks."""
-        self._gathered.observe(batch)
-
-    def flush(self) -> None:
-        """Write what was gathered since the last time; where it cannot be, it is tried again later."""
-        with suppress(OutputError):
-            self._write()
-
-    def close(self, summary_markdown: str, status: str) -> None:
-        """Write what is left; an empty part if there is nothing at all.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
-        self._write()
-
-    def _write(self) -> None:
-        arrays = self._gathered.arrays()
-        if self._stage is not None and (len(arrays["tick"]) or not self._written):
-            write_arrays(
-                self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, self._frames_per_s, arrays
-            )
-            for camera, images in self._gathered.images().items():
-                write_images(self._next_part(images_file(camera)), camera, images)
-            self._gathered.forget()
-            self._written = True
-
-
 Observe = Callable[[TickBatch], None]
 MakesRecorder = Callable[[Path, RecordingTable, RecordingPart], Recorder]
+FindsBars = Callable[[Scenario, PhaseEnds], RunErrors]
 Some = TypeVar("Some")
 
 
@@ -143,9 +82,8 @@ class Options:
         stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
         checkpoint_every_s: wall time between two checkpoints in the directory; None: there are none.
         resume: whether to continue with the run in the directory, from its checkpoint.
-        error: whether to work out how far the figures may be off; None: where it costs little of the run.
-        tell: told what takes long at the end.
-        kept: parts that may be used again at the end.
+        find_bars: works out how far the figures may be off, from the ends of the phases; None: nobody does.
+        tell: told what takes long while arms are built.
         several: whether it is one of several arms.
     """
 
@@ -155,9 +93,8 @@ class Options:
     stop: Callable[[], str | None] = lambda: None
     checkpoint_every_s: float | None = 30.0
     resume: bool = False
-    error: bool | None = None
+    find_bars: FindsBars | None = None
     tell: Callable[[str], None] = lambda _text: None
-    kept: KeptParts | None = None
     several: bool = False
 
 
@@ -361,19 +298,14 @@ class RunFollower:
     def _error_bars(self, ends: PhaseEnds, ending: Termination) -> RunErrors | None:
         """Return how far the figures may be off; None: that was not asked for."""
         options = self._options
-        if options.error is False:
-            return None
         if options.several:
             return RunErrors(reason="error bars are known for runs of one arm only")
+        if options.find_bars is None:
+            return None
         if ending.status != "completed":
             return RunErrors(reason="the run did not complete")
-        from cosim.bars import study  # here, because it loads engines
-
-        everywhere = options.error is True
         try:
-            return study.find_bars(
-                self._scenario, ends, options.tell, everywhere=everywhere, parts=options.kept
-            )
+            return options.find_bars(self._scenario, ends)
         except KeyboardInterrupt:
             return RunErrors(reason="it was interrupted")
 
@@ -391,19 +323,6 @@ def _begin_files(
     if options.make_recorder is None:
         return arrays
     return Recorders((options.make_recorder(files.next_part(RECORDING), scenario.recording, part), arrays))
-
-
-def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> SteppedRun:
-    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
-
-    Args:
-        scenario: checked.
-        given: as `cosim.build.simulation.build` takes it.
-        further: the same, by name.
-    """
-    from cosim.build import simulation
-
-    return simulation.build(scenario, *given, **further)
 
 
 def rerun_recorder(
@@ -447,55 +366,3 @@ def _with_first(batches: Iterator[TickBatch]) -> tuple[TickBatch | None, Iterato
 
 def _raise(error: SolverError) -> TickBatch:
     raise error
-
-
-def prepared(scenario: Scenario, tell: Callable[[str], None], *, kept: KeptParts | None = None) -> Scenario:
-    """Return the scenario; the section model that it may ask for is built when this returns.
-
-    Args:
-        scenario: checked.
-        tell: told in one sentence, beforehand, what takes long.
-        kept: parts that may be used again; it gets those that are made here.
-    """
-    if scenario.fidelity == "section":
-        from cosim.build.soft_model import SoftModel  # here, as few runs build one
-
-        SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
-    return scenario
-
-
-def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: KeptParts) -> ArmsScenario:
-    """Return the scenario with each arm's model built."""
-    arms = dict[str, Scenario]()
-    for name, one in scenario.arms.items():
-        with of_arm(name):
-            arms[name] = prepared(one, tell, kept=kept)
-    return replace(scenario, arms=arms)
-
-
-def warm_up() -> None:
-    """Compile all kernels that a run with an arm imports, whether it calls them or not."""
-    from cosim.base.compilation import compile_modules  # here: it brings the compiler
-    from cosim.build import arm_parts, simulation  # noqa: F401  # with all that they import
-    from cosim.recording import film_colours  # noqa: F401
-    from cosim.stepping import scene_carrier  # noqa: F401
-
-    compile_modules(module for name, module in list(sys.modules.items()) if name.startswith("cosim."))
-
-
-def named_body(body: AnyBody | None) -> NamedBody | None:
-    """Return a copy of a body that is given in place of a scenario's soft robot, with names; None if none is.
-
-    Raises:
-        InputError: it cannot be simulated.
-    """
-    if body is None:
-        return None
-    from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
-
-    return NamedBody.of(deepcopy(body))  # whoever gave it may write to its arrays
-
-
-def log(text: str) -> None:
-    """Tell whoever runs cosim from Python: by the logger "cosim", on the screen unless that is set up."""
-    logging.getLogger("cosim").warning(text)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from cosim.app import driver
 from cosim.app.checkpoint import naming
-from cosim.app.driver import log
 from cosim.app.ended_run import load_run
+from cosim.app.preparation import log
 from cosim.app.run_files import PHASE_ENDS, SCENARIO
 from cosim.base import state_file
 from cosim.base.kept_parts import KeptParts
@@ -43,6 +45,25 @@ def error_bars(run: RunResult | str | Path) -> RunErrors:
             raise InputError("the run has kept no ends of phases: it was no single arm's, made by cosim.run")
         ends, scenario = _read(result.directory, result.stage)
     return find_bars(scenario, ends, log, everywhere=True, parts=KeptParts(on_disk=True))
+
+
+def bars_finder(error: bool | None, tell: Callable[[str], None], kept: KeptParts) -> driver.FindsBars | None:
+    """Return what works out the error bars at the end of a run; None where `error` is false.
+
+    Args:
+        error: whether they are asked for; None: where they cost little of the run.
+        tell: told in a sentence if it takes more than a second.
+        kept: parts that may be used again.
+    """
+    if error is False:
+        return None
+
+    def find(scenario: Scenario, ends: PhaseEnds) -> RunErrors:
+        from cosim.bars.study import find_bars  # here, because it loads the film's kernels
+
+        return find_bars(scenario, ends, tell, everywhere=error is True, parts=kept)
+
+    return find
 
 
 def _read(directory: Path, stage: RunInfo) -> tuple[PhaseEnds, Scenario]:

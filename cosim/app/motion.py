@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.app import ended_run
-from cosim.app.driver import build_simulation, log, prepared
 from cosim.app.payload import interpolated_rows, payload_rows
+from cosim.app.preparation import build_simulation, log, prepared
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar, final, overload
 
-from cosim.app import checkpoint, driver
+from cosim.app import checkpoint, preparation
 from cosim.app.workers import Workers
 from cosim.base import kept_parts, state_file
 from cosim.base.state_checks import check_state
@@ -85,7 +85,7 @@ class Simulation:
         body: AnyBody | None = None,
         kept: kept_parts.KeptParts | None = None,
     ) -> None:
-        self._controllers, self._body = controllers and dict(controllers), driver.named_body(body)
+        self._controllers, self._body = controllers and dict(controllers), preparation.named_body(body)
         self._kept = kept_parts.KeptParts(on_disk=True) if kept is None else kept
         self._given = start
         self._begin(scenario, overrides, start)
@@ -99,7 +99,7 @@ class Simulation:
     ) -> None:
         """Build a scenario and go to where it starts."""
         loaded = load_scenario(scenario, overrides, self._body and self._body.table())
-        self.scenario = driver.prepared(loaded, driver.log, kept=self._kept)
+        self.scenario = preparation.prepared(loaded, preparation.log, kept=self._kept)
         before = start._run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:
@@ -113,7 +113,8 @@ class Simulation:
 
     def _built(self, before: Choices | None) -> SteppedRun:
         body = self._body and self._body.body
-        return driver.build_simulation(self.scenario, self._controllers, before, body, driver.log, self._kept)
+        given = self._controllers, before, body, preparation.log, self._kept
+        return preparation.build_simulation(self.scenario, *given)
 
     @property
     def stage(self) -> RunInfo:
@@ -365,8 +366,8 @@ class Batch:
     ) -> None:
         # what takes long for the first time, kernels and section models, is made once, before there are many
         loaded = load_scenario(scenario, overrides)
-        self.scenario = driver.prepared(loaded, driver.log)
-        driver.warm_up()
+        self.scenario = preparation.prepared(loaded, preparation.log)
+        preparation.warm_up()
         given = _for_each(changes, n, "changes")
         run = partial(BatchRun.of, self.scenario, given, start, kept_parts.KeptParts(on_disk=True))
         self._workers = Workers(run, n, workers)

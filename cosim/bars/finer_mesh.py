@@ -1,23 +1,19 @@
-"""Films that a run's error is measured by: on a finer mesh, and where a chain of sections stands for one.
+"""Equilibria of a run's film on its mesh refined once, by which the error of the mesh is measured.
 
-The solution on a finer mesh starts from the shape on the run's: nodes where those are, new ones halfway
+The solution on the refined mesh starts from the shape on the run's: nodes where those are, new ones halfway
 along their edges. Where Newton's method finds none from there, a damped body slides until it rests.
-
-At the end of a phase the film is put into the chain's shape, and both come to rest under the same loads: how
-far they are apart then is the error of the section model.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.coupling.soft_sides import lumped_arm, section_arm
+from cosim.coupling.soft_sides import lumped_arm
 from cosim.errors import ConvergenceError
-from cosim.reduced.solve.clamp import FrameClamp, film_clamp
 from cosim.soft.body import body, places
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import FilmMemory
@@ -65,6 +61,22 @@ def left_out_of_balance(side: lumped_arm.SoftArm, left_N: float) -> Iterator[Non
 
 
 @final
+@dataclass(frozen=True)
+class Pair:
+    """States at rest at the end of a phase.
+
+    Args:
+        rest: on the run's mesh.
+        finer: on the refined mesh.
+        clamp: of the refined mesh.
+    """
+
+    rest: Equilibrium
+    finer: Equilibrium
+    clamp: Clamp
+
+
+@final
 class FinerMesh:
     """Finds the equilibria of a body on its refined mesh.
 
@@ -91,15 +103,13 @@ class FinerMesh:
         if not clamp.holds_as(self.side.clamp):
             self.side.hold(clamp)
 
-    def at_rest(
-        self, clamp: Clamp, rest: Equilibrium, before: tuple[Equilibrium, Equilibrium] | None = None
-    ) -> Equilibrium:
+    def at_rest(self, clamp: Clamp, rest: Equilibrium, before: Pair | None = None) -> Equilibrium:
         """Return the equilibrium near one of the run's mesh, with its flange and loads.
 
         Args:
             clamp: of the refined mesh.
             rest: on the run's mesh.
-            before: on the run's mesh and on the refined one, whose difference is taken along; None: none is.
+            before: of another phase end, whose difference is added to the start; None: nothing is added.
 
         Raises:
             ConvergenceError: no equilibrium was found near it, nor does a damped body slide to one.
@@ -109,11 +119,11 @@ class FinerMesh:
         wanted, loads = shape[self._parents].mean(axis=1), self._loads(rest)
         starts = [side.in_shape(wanted, flange)]
         if before is not None:
-            coarse, finer = before
+            finer, coarse = before.finer, before.rest.state.positions
             turn = flange.rotation @ finer.world_from_flange.rotation.T
-            away = finer.state.positions - coarse.state.positions[self._parents].mean(axis=1)
+            away = finer.state.positions - coarse[self._parents].mean(axis=1)
             starts.append(SoftState.at_rest(wanted + away @ turn.T, finer.state.memory))
-        # what is taken along leads to the same of several shapes near one another
+        # of several shapes near one another, the difference of the earlier phase end leads to the same one
         start = least_out_of_balance(side, starts, flange, loads, along=_FOLDED)
         if rest.loads.self_contact is not None:  # films that press on the run's mesh do so on this one
             start = replace(start, touching=NOTHING_PRESSES)
@@ -168,13 +178,12 @@ class FinerMesh:
         both = each[first] + np.where((first == second)[:, None], 0.0, each[second])
         return np.asarray(shared[:, None] * both)
 
-    def clamp(self, coarse: Clamp, before: tuple[Clamp, Equilibrium] | None = None) -> Clamp:
+    def clamp(self, coarse: Clamp, before: Pair | None = None) -> Clamp:
         """Return what holds the refined mesh: new nodes are held in what both ends of their edge are.
 
         Args:
             coarse: holds the run's mesh.
-            before: clamp and equilibrium of the refined mesh where something else was let go, and held; None:
-                it is held as it is drawn.
+            before: of the phase end after which other nodes were held; None: it is held as it is drawn.
         """
         first, second = self._parents.T
         mask = coarse.mask(int(self._parents.max()) + 1)
@@ -182,51 +191,5 @@ class FinerMesh:
         if before is None:
             nodes = np.flatnonzero(np.any(held, axis=1))
             return Clamp(nodes, self.side.body.positions[nodes], held[nodes])
-        clamp, rest = before
-        kept = clamp.without(np.flatnonzero(~np.any(held, axis=1)))
+        kept, rest = before.clamp.without(np.flatnonzero(~np.any(held, axis=1))), before.finer
         return kept.holding(held, rest.state.positions, rest.world_from_flange)
-
-
-@final
-class SourceFilm:
-    """Puts the film where the chain is.
-
-    Args:
-        chain: of the run.
-        film: new, on the mesh that its sections were condensed from.
-    """
-
-    def __init__(self, chain: section_arm.SectionArm, film: lumped_arm.SoftArm) -> None:
-        self.chain, self.film = chain, film
-        self._clamps: list[tuple[FrameClamp, Clamp]] = []
-
-    def state(self, saved: section_arm.SectionArmState) -> lumped_arm.SoftArmState:
-        """Return the film in the shape of a chain: rings that are held there are held as they are."""
-        chain, film = self.chain, self.film
-        chain.full_state = saved
-        shape = chain.state.positions
-        film.hold(self._clamp(saved.clamp, shape, saved.flange))
-        soft = film.in_shape(shape, saved.flange)
-        return replace(film.full_state, soft=soft, flange=saved.flange, loads=saved.loads)
-
-    def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
-        """Return what holds the film as some frames are held; the same one for the same frames."""
-        for known, clamp in self._clamps:
-            if np.array_equal(known.held, frames.held) and np.array_equal(known.offsets, frames.offsets):
-                return clamp
-        clamp = film_clamp(self.chain.section, frames, shape, flange)
-        self._clamps.append((frames, clamp))
-        return clamp
-
-    def chain_at_rest(self, saved: section_arm.SectionArmState) -> Equilibrium:
-        """Return where the chain comes to rest, with the loads of a state; it is there then.
-
-        Raises:
-            ConvergenceError: no equilibrium was found near it.
-        """
-        chain = self.chain
-        chain.full_state = saved
-        begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
-        found = chain.solve(begin, saved.flange, saved.loads)
-        chain.settle(found)
-        return found

@@ -5,7 +5,7 @@ solved before. Where no state at rest is found near that of the run, it is follo
 before. A section model is compared with the film that it was condensed from, which is brought to rest first.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, final
 
 from cosim.bars.budget import Budget
@@ -14,9 +14,10 @@ from cosim.bars.finer_mesh import (
     NOTHING_PRESSES,
     PATIENCE,
     FinerMesh,
-    SourceFilm,
+    Pair,
     least_out_of_balance,
 )
+from cosim.bars.source_film import SourceFilm
 from cosim.build.soft_model import SoftModel
 from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
 from cosim.coupling.soft_sides.section_arm import SectionArmState
@@ -26,22 +27,6 @@ from cosim.telemetry.phase_ends import PhaseEnd
 
 _SHORT: Final = 60
 """Iterations of each try on the refined mesh unasked: where a state is near, it is found in some ten."""
-
-
-@final
-@dataclass(frozen=True)
-class Pair:
-    """States at rest at the end of a phase.
-
-    Args:
-        rest: on the run's mesh.
-        finer: on the refined mesh.
-        clamp: of the refined mesh.
-    """
-
-    rest: Equilibrium
-    finer: Equilibrium
-    clamp: Clamp
 
 
 def at_rest(side: SoftArm, state: SoftArmState, start: SoftState | None = None) -> Equilibrium:
@@ -157,7 +142,7 @@ class RestingStates:
     def _held(self, place: int) -> tuple[Clamp, Pair | None] | None:
         """Return what holds the refined mesh at a phase end, and a pair whose difference may be taken along.
 
-        None where that is not known: what is held since an earlier phase is held where it was at its end.
+        None where that is not known. What an earlier phase began to hold is held where that phase began.
         """
         film = self.film(place)
         if film.clamp.holds_as(Clamp.of_base(self.side.body)):
@@ -168,12 +153,12 @@ class RestingStates:
         if before is None:
             return None
         along = before if self.ends[place - 1].why_not else self.pair(place - 1)
-        return self.mesh.clamp(film.clamp, (before.clamp, before.finer)), along
+        return self.mesh.clamp(film.clamp, before), along
 
     def _solved(self, place: int, clamp: Clamp, along: Pair | None) -> Pair:
         rest = self._at_rest(place)
         try:
-            finer = self.mesh.at_rest(clamp, rest, along and (along.rest, along.finer))
+            finer = self.mesh.at_rest(clamp, rest, along)
         except ConvergenceError:
             earlier = self._earlier(place)
             if earlier is None:

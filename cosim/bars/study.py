@@ -25,8 +25,9 @@ from cosim.bars.calibration import (
     tension_apart,
     tension_difference,
 )
-from cosim.bars.finer_mesh import SourceFilm
-from cosim.bars.resting import Pair, RestingStates
+from cosim.bars.finer_mesh import Pair
+from cosim.bars.resting import RestingStates
+from cosim.bars.source_film import SourceFilm
 from cosim.bars.swings import Modes, Swings, tip_pulls
 from cosim.base.kept_parts import KeptParts
 from cosim.build.options import dynamic_options
@@ -188,7 +189,7 @@ class ErrorStudy:
         return _ONLY_LAST if len(self.found) < len(ends) else None
 
     def _of(self, place: int) -> dict[str, Any]:
-        """Return the bars of a phase's end, of what they are made, and why there is none."""
+        """Return the bars of a phase's end with their parts, or the reason why the end has no bar."""
         none: dict[str, Any] = dict.fromkeys(FIGURES)
         try:
             parts, why_not = self._compared(place)

@@ -82,7 +82,7 @@ def _copied(tree: Any, arrays: dict[int, NDArray[Any]]) -> Any:
 
 
 def difference(one: Any, other: Any, path: str = "state") -> str | None:
-    """Describe the first difference of two trees, which are compared bit for bit; None if there is none."""
+    """Describe the first difference of two trees, compared bit for bit; None if both are equal."""
     if type(one) is not type(other):
         return f"{path} is a {type(one).__name__}, the other a {type(other).__name__}"
     if isinstance(one, np.ndarray):

@@ -11,7 +11,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.bench.design_problem import _MET, _WEIGHT, DesignProblem, DesignValues, Wanted
+from cosim.bench.design_problem import MET, WEIGHT, DesignProblem, DesignValues, Wanted
 from cosim.config import benches
 from cosim.config.toml.keys import unit_of, unit_text
 from cosim.errors import ConvergenceError
@@ -49,7 +49,7 @@ class Designed:
     @property
     def feasible(self) -> bool:
         """Whether all limits are met."""
-        return bool((self.missed <= _MET).all())
+        return bool((self.missed <= MET).all())
 
     @property
     def wanted(self) -> tuple[Wanted, ...]:
@@ -98,7 +98,7 @@ class _Local:
         away = self.problem.off(self.reached)
         least, most = np.maximum(-reach, -self.here), np.minimum(reach, 1.0 - self.here)
         bounds = [*zip(least, most, strict=True), *[(0.0, None)] * limits]
-        weights = np.full(limits, _WEIGHT)
+        weights = np.full(limits, WEIGHT)
 
         def room(z: Array, way: float) -> Array:
             return np.asarray(z[count:] - way * problem.off(self.at(z[:count])))
@@ -202,11 +202,11 @@ def solve_choice(task: DesignTask) -> Designed:
     problem.begin()
     first, found = problem.history[0], search(problem, problem.start)
     refined: tuple[Array, ...] = ()
-    if task.verify and (problem.missed(found.reached) <= _MET).all():
+    if task.verify and (problem.missed(found.reached) <= MET).all():
         fine = DesignProblem(study, refined=True)
         before, after = fine.solved(first.values), fine.solved(found.values)
         for _ in range(_ROUNDS):
-            if (problem.missed(after) <= _MET).all() or len(problem.history) >= study.evaluations:
+            if (problem.missed(after) <= MET).all() or len(problem.history) >= study.evaluations:
                 break
             problem.correct(after - problem.uncorrected(found))
             found = search(problem, problem.fractions(found.values))
@@ -282,7 +282,7 @@ def design_lines(found: Designed) -> list[str]:
 
 
 def _at_bound(entry: benches.FreeTable, value: float) -> bool:
-    return min(value - entry.low, entry.high - value) < _MET * (entry.high - entry.low)
+    return min(value - entry.low, entry.high - value) < MET * (entry.high - entry.low)
 
 
 def _quantity_lines(found: Designed) -> Sequence[str]:
@@ -295,7 +295,7 @@ def _quantity_lines(found: Designed) -> Sequence[str]:
             what = f"{entry.sense} {where}"
         else:
             kind = next(key for key in ("at_least", "at_most", "equal") if getattr(entry, key) is not None)
-            met = "met" if found.missed[k - 1] <= _MET else "NOT met"
+            met = "met" if found.missed[k - 1] <= MET else "NOT met"
             what = f"{where} {kind.replace('_', ' ')} {entry.bound:g} {unit} ({met})"
         line = f"{what}: {found.start.reached[k]:.5g} -> {found.found.reached[k]:.5g} {unit}"
         if found.refined:

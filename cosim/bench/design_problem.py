@@ -16,8 +16,8 @@ from cosim.config.schema import pattern, soft_robot
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError, InputError
 
-_MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
-_WEIGHT: Final = 10.0  # of missed limits beside the goal
+MET: Final = 1e-3  # of a quantity's size, by which a limit may be missed
+WEIGHT: Final = 10.0  # of missed limits beside the goal
 _BAD: Final = 10.0  # sizes of the goal, of a design without an equilibrium
 Wanted = benches.GoalTable | benches.LimitTable
 
@@ -182,13 +182,13 @@ class DesignProblem:
         def rank(design: DesignValues) -> tuple[float, float]:
             most = float(self.missed(design.reached).max(initial=0.0))
             bad = not np.isfinite(design.reached).all()
-            return (np.inf if bad else max(most, _MET), self.cost(design.reached))
+            return (np.inf if bad else max(most, MET), self.cost(design.reached))
 
         return min(self.history, key=rank)
 
     def merit(self, reached: Array) -> float:
         """Return the cost plus the weighted violation of limits, which a step must decrease."""
-        return self.cost(reached) + _WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
+        return self.cost(reached) + WEIGHT * float(np.minimum(self.missed(reached), _BAD).sum())
 
 
 def _refined(scenario: Scenario) -> Scenario:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.bench import parameters
-from cosim.bench.outputs import _XYZ, Slopes, outputs_of, read_at
+from cosim.bench.outputs import XYZ, Slopes, outputs_of, read_at
 from cosim.build.options import dynamic_options, fidelity_body, static_options
 from cosim.config.benches import BenchTable, FreeTable, Series
 from cosim.config.loading import load_scenario
@@ -214,13 +214,13 @@ class Equilibria:
             key = f"{row.key}.{name}"
             if kind == "force_N":
                 ring, _, axis = of.rpartition(".")
-                if ring not in body.rings or axis not in tuple(_XYZ):
+                if ring not in body.rings or axis not in tuple(XYZ):
                     rings = ", ".join(body.rings)
                     raise ScenarioError(
                         key, f"names no ring and axis; give force_N.RING.x; rings are {rings}"
                     )
                 force = np.zeros((body.nodes, 3)) if loads.nodal_force is None else loads.nodal_force
-                force[body.rings[ring], _XYZ.index(axis)] += value / len(body.rings[ring])
+                force[body.rings[ring], XYZ.index(axis)] += value / len(body.rings[ring])
                 loads = replace(loads, nodal_force=force)
                 continue
             known = model.chambers if kind == "pressure_Pa" else model.cables

@@ -20,7 +20,7 @@ from cosim.soft.solve import newton
 from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
 from cosim.soft.solve.state import Clamp, Equilibrium
 
-_XYZ: Final = "xyz"
+XYZ: Final = "xyz"
 _LINEAR: Final = "tip_position_m"
 """Linear in the positions, so its derivative is its value at dx/dp."""
 _PLACES: Final = ("ring_position_m", "node_position_m")
@@ -169,7 +169,7 @@ def _found(name: str, model: StaticModel) -> Iterator[Output]:
             ".NAME, vectors with .x, .y or .z"
         )
     what, quantity = _QUANTITIES[kind]
-    known = {"xyz": tuple(_XYZ), "chamber": model.chambers, "cable": model.cables, "": ("",)}[what]
+    known = {"xyz": tuple(XYZ), "chamber": model.chambers, "cable": model.cables, "": ("",)}[what]
     if of and of not in known:
         raise InputError(f"{name}: {unknown_name_message(what or 'entry', of, known)}")
     for index, each in enumerate(known):
@@ -178,7 +178,7 @@ def _found(name: str, model: StaticModel) -> Iterator[Output]:
 
 
 def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
-    body, axis = model.film.body, of[-1:] if of[-2:-1] == "." and of[-1:] in _XYZ else ""
+    body, axis = model.film.body, of[-1:] if of[-2:-1] == "." and of[-1:] in XYZ else ""
     name = of[:-2] if axis else of
     if kind == "ring_position_m":
         if name not in body.rings:
@@ -192,7 +192,7 @@ def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
     def mean(shape: OutputShape) -> Array:
         return np.asarray(shape.positions[nodes].mean(axis=0))
 
-    for k, each in enumerate(_XYZ):
+    for k, each in enumerate(XYZ):
         if axis in ("", each):
             yield Output(f"{kind}.{name}.{each}", mean, k, linear=True)
 

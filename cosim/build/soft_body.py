@@ -13,7 +13,7 @@ from cosim.build.given_body import LEAST_RING
 from cosim.build.mesh_file import drawn_mesh
 from cosim.build.paper_model import published_robot
 from cosim.build.patterns import drawn_pattern
-from cosim.build.stack import NODES_PER_AREA, _stack_meshes
+from cosim.build.stack import NODES_PER_AREA, stack_meshes
 from cosim.config.schema import body_sources, pattern, settings, soft_robot
 from cosim.config.schema.film import FilmTable
 from cosim.errors import MeshError, ScenarioError
@@ -78,7 +78,7 @@ def build_soft_body(
     """
     if model.published:
         robot = published_robot(robot)
-    drawn, mesh = _drawn_body(robot) if robot.stack is None else _stack_meshes(robot.stack)
+    drawn, mesh = _drawn_body(robot) if robot.stack is None else stack_meshes(robot.stack)
     mesh = refine(mesh, finer)
     _check_panels(robot, mesh, path)
     hinges, stiffness = _hinges(robot, model, drawn, mesh)

@@ -82,7 +82,7 @@ def _nodes_per_area(mesh: NamedMesh) -> Array:
 
 
 @lru_cache(maxsize=2)
-def _stack_meshes(table: StackTable) -> tuple[NamedMesh, NamedMesh]:
+def stack_meshes(table: StackTable) -> tuple[NamedMesh, NamedMesh]:
     """Return the drawn and the refined mesh of a stack; cached for derivatives, which build many bodies."""
     drawn = drawn_stack(table)
     return drawn, stack_mesh(drawn, table)

@@ -18,7 +18,7 @@ from cosim.errors import InputError, ScenarioError
 
 
 def check_command(files: Sequence[str]) -> bool:
-    """Print every error of scenarios, robots, arms and studies, one line each; return whether there is none.
+    """Print every error of scenarios, robots, arms and studies, one line each; return whether all are valid.
 
     Args:
         files: paths, or names of scenarios that come with cosim.

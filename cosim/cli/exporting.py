@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from cosim.app.ended_run import load_run
-from cosim.app.run_files import SCENARIO, OutputDirectory
+from cosim.app.output_directory import OutputDirectory
+from cosim.app.run_files import SCENARIO
 from cosim.base import kept_parts, writing
 from cosim.cli.screen import printable
 from cosim.config import loading

@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, final
 
-from cosim.app import checkpoint, driver, progress, run_files
+from cosim.app import checkpoint, driver, preparation, progress, run_files
+from cosim.app.error_bars import bars_finder
 from cosim.base import kept_parts
 from cosim.cli.interruption import Interruption
 from cosim.cli.screen import draw, logged_to, tell
@@ -138,13 +139,13 @@ def warm_up_command(names: Sequence[str]) -> int:
     Raises:
         InputError: a scenario is wrong; those before it are ready.
     """
-    driver.warm_up()
+    preparation.warm_up()
     for name in names:
         kept = kept_parts.KeptParts(on_disk=True)
         if several_arms.has_arms(name):
-            driver.prepared_arms(several_arms.load_arms(name), tell, kept=kept)
+            preparation.prepared_arms(several_arms.load_arms(name), tell, kept=kept)
         else:
-            driver.prepared(loading.load_scenario(name), tell, kept=kept)
+            preparation.prepared(loading.load_scenario(name), tell, kept=kept)
         tell(f"{name}: ready to run")
     return 0
 
@@ -162,7 +163,7 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
         _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     report = _ignore if how.quiet else line.tell
     with logged_to(report):
-        scenario = driver.prepared_arms(scenario, report, kept=kept)
+        scenario = preparation.prepared_arms(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
         watchers: dict[str, list[driver.Observer]] = {
             name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
@@ -225,19 +226,20 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     report = _ignore if how.quiet else line.tell
     kept = kept_parts.KeptParts(on_disk=True)
     with logged_to(report):
-        scenario = driver.prepared(scenario, report, kept=kept)
+        scenario = preparation.prepared(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
         shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
         watchers: list[driver.Observer] = [interruption, *how.watchers, *shown]
         recorder = driver.rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
         every_s = how.checkpoint_every_s or driver.Options.checkpoint_every_s
+        find_bars = bars_finder(how.error, report, kept)
         options = driver.Options(
-            directory, make_recorder, watchers, interruption.reason, every_s, resume, how.error, report, kept
+            directory, make_recorder, watchers, interruption.reason, every_s, resume, find_bars
         )
         try:
             outcome = driver.execute(
-                scenario, partial(driver.build_simulation, tell=report, kept=kept), options, how.started
+                scenario, partial(preparation.build_simulation, tell=report, kept=kept), options, how.started
             )
         except KeyboardInterrupt:  # before the loop: nothing is lost
             tell("cosim: interrupted")

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from cosim.app.driver import prepared, warm_up
-from cosim.app.run_files import OutputDirectory
+from cosim.app.output_directory import OutputDirectory
+from cosim.app.preparation import prepared, warm_up
 from cosim.cli.screen import printable, tell
 from cosim.config import loading, rules
 from cosim.config.toml.reading import parse_assignment

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from typing import Final
 
-from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.schema.devices import ControllerTable, PumpTable, WinchTable
 from cosim.config.schema.phase import SETPOINTS, PhaseTable
 from cosim.config.schema.scenario import NO_ARM, Scenario

@@ -10,7 +10,7 @@ from typing import final
 
 from cosim.base.frames import Array
 from cosim.config.schema.devices import WinchTable
-from cosim.devices.orders import Order, _end
+from cosim.devices.orders import Order, end_of
 from cosim.devices.winch import WinchState
 from cosim.soft.elements.cable import Cable, base_tension, step_spring, stretch_at
 
@@ -126,7 +126,7 @@ class CableDrive:
             state = replace(state, begin=wanted)
         else:
             state = self._prepared(order, positions)
-            end = _end(order, state.begin)
+            end = end_of(order, state.begin)
             wanted = end if load_factor >= 1.0 else state.begin + load_factor * (end - state.begin)
         state = replace(state, wanted=wanted)
         if state.length_m is not None and state.winch is None:

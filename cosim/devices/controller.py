@@ -81,7 +81,7 @@ class Command:
     """Command of a controller or of `Simulation.step`; a run completes it to a `RobotCommand`.
 
     Values that a controller omits follow the plan. Values that `Simulation.step` omits keep their last
-    commanded value, or follow the plan if there is none. At most one of `flange`, `flange_twist` and
+    commanded value, or follow the plan if none was commanded. At most one of `flange`, `flange_twist` and
     `joint_position` is allowed; if the twist is omitted in a later step, the flange stops. Only
     `Simulation.step` accepts the last five keys.
 

@@ -221,7 +221,8 @@ class Actuation:
     def _take_over(self, planned: PhasePlan) -> None:
         """Read the commands of a phase, if it is not the last one that was read."""
         if planned is not self._planned:
-            self._planned, self._orders = planned, orders_of(planned, self._names)
+            self._planned = planned
+            self._orders = orders_of(planned.phase, planned.end.cable_tension_N, self._names)
             self._setpoints = planned.phase.acting()
 
     def _ask(self, name: str, see: Callable[[], Measurement]) -> Held:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, final
 
-from cosim.plan.plan import PhasePlan
+from cosim.config.schema.phase import PhaseTable
 
 Order: TypeAlias = tuple[Literal["tension", "length", "shortening"], float]
 """Command to a cable: its kind, and its value at the end of a ramp [N or m]."""
 
 
-def _end(order: Order | None, begin: float) -> float:
+def end_of(order: Order | None, begin: float) -> float:
     """Return the tension [N] or length [m] at the end of a ramp."""
     if order is None:
         return begin
@@ -32,17 +32,19 @@ class LiveOrders:
     pump_pressure_Pa: tuple[float | None, ...]
 
 
-def orders_of(planned: PhasePlan, names: tuple[str, ...]) -> list[Order | None]:
+def orders_of(
+    phase: PhaseTable, end_tension_N: tuple[float, ...], names: tuple[str, ...]
+) -> list[Order | None]:
     """Return the command of a phase to each cable; None: unchanged.
 
     Args:
-        planned: the phase.
+        phase: of the scenario.
+        end_tension_N: planned at its end, of each cable.
         names: of all cables, in order.
     """
-    phase = planned.phase
     target = phase.tip_target
     if phase.cable_tension_N is not None or (target is not None and target.reach_with == "cables"):
-        return [("tension", tension) for tension in planned.end.cable_tension_N]
+        return [("tension", tension) for tension in end_tension_N]
     lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
     orders: list[Order | None] = []
     for name in names:

@@ -135,7 +135,7 @@ def start_equilibrium(
     """Return the equilibrium before the first phase: first without pressure, then loaded; see `SoftSide`.
 
     Raises:
-        ConvergenceError: there is none near the drawn shape.
+        ConvergenceError: no equilibrium was found near the drawn shape.
     """
     with soft.searching("start"):
         return soft.start(flange, loads, hung)

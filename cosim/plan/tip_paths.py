@@ -18,9 +18,10 @@ from cosim.base.tip_course import CourseInstant, TipCourse
 from cosim.config.schema.phase import TipPathTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import CosimError, InputError, SolverError, UnreachableError
+from cosim.plan.straight_arm import StraightArm
 from cosim.plan.tip_errors import PlannedTipPath, TipErrors, tip_distances
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import TipFrame, center_line_length, center_rings
+from cosim.soft.body.places import TipFrame
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget, shortest_turn
 
@@ -107,12 +108,12 @@ def follow_path(
     """
     trip = _Trip(soft, path.course(), begin.loads, loads, air_drag_per_s)
     if path.reach_with == "none":
-        rigid = _RigidArm.towards(begin, trip.instants)
-        states = trip.through(begin, lambda here, before, after, load: rigid.moved(soft, here, after, load))
+        states = trip.straight(_straight_at(begin, trip.instants), begin)
         errors = trip.errors(states)
         return FollowedPath(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
     tip = _begin_tip(soft, begin, trip.instants)
-    uncompensated = trip.uncompensated(_RigidArm.at(soft, begin), begin)
+    straight = StraightArm.of(soft.body, begin.state.positions)
+    uncompensated = trip.uncompensated(straight, begin)
     states = trip.through(begin, lambda *step: _onto(soft, *step), trip.beginning_at(tip))
     planned = PlannedTipPath(trip.course, trip.errors(states), uncompensated)
     return FollowedPath(trip.track(states), states[-1], planned)
@@ -192,67 +193,48 @@ class _Trip:
             self.instants, np.array([t.position for t in tips]), np.array([t.direction for t in tips])
         )
 
-    def uncompensated(self, rigid: "_RigidArm", begin: Equilibrium) -> TipErrors | None:
+    def straight(self, arm: StraightArm, begin: Equilibrium) -> list[Equilibrium]:
+        """Return the equilibria with the flange where a straight arm would have it."""
+
+        def moved(here: Equilibrium, _: CourseInstant, wanted: CourseInstant, loads: Loads) -> Equilibrium:
+            pose = arm.pose(here.world_from_flange, wanted.position, wanted.direction)
+            return self._soft.follow(here, pose, loads)
+
+        return self.through(begin, moved)
+
+    def uncompensated(self, arm: StraightArm, begin: Equilibrium) -> TipErrors | None:
         """Return the errors of the tip if the flange moves as for a straight arm; None without equilibria."""
         soft = self._soft
         try:
             wanted = self.instants.row(0)
-            pose = rigid.pose(begin.world_from_flange, wanted.position, wanted.direction)
+            pose = arm.pose(begin.world_from_flange, wanted.position, wanted.direction)
             first = begin
             for fraction in np.linspace(0.0, 1.0, _APPROACH + 1)[1:].tolist():
                 between = begin.world_from_flange.interpolated(pose, fraction)
                 first = soft.follow(first, between, begin.loads)
-            moved = self.through(first, lambda here, _, after, load: rigid.moved(soft, here, after, load))
+            moved = self.straight(arm, first)
         except SolverError:
             return None
         return self.errors(moved)
 
 
-@final
-@dataclass(frozen=True)
-class _RigidArm:
-    """An arm that is straight along the flange's z axis.
+def _straight_at(begin: Equilibrium, instants: CourseInstant) -> StraightArm:
+    """Return the straight arm whose tip is on the path's first point.
 
-    Args:
-        length_m: from the flange to the tip.
+    Raises:
+        UnreachableError: the first point is not on the flange's z axis.
     """
-
-    length_m: float
-
-    @classmethod
-    def at(cls, soft: SoftSide, here: Equilibrium) -> "_RigidArm":
-        """Return a straight arm with the present length of the soft one."""
-        return cls(center_line_length(center_rings(soft.body), here.state.positions))
-
-    @classmethod
-    def towards(cls, here: Equilibrium, instants: CourseInstant) -> "_RigidArm":
-        """Return the straight arm whose tip is on the path's first point.
-
-        Raises:
-            UnreachableError: the first point is not on the flange's z axis.
-        """
-        first, flange = instants.row(0), here.world_from_flange
-        way = first.position - flange.translation
-        axis = flange.rotation[:, 2]
-        turned = 0.0 if first.direction is None else np.linalg.norm(shortest_turn(axis, first.direction))
-        if np.linalg.norm(way - (way @ axis) * axis) > _BEGINS_WITHIN[0] or turned > _BEGINS_WITHIN[1]:
-            raise UnreachableError(
-                "with reach_with = 'none' a straight arm begins on the path, and this one does not; "
-                f"{_remedy(first)}"
-                ", reach_with = 'none' }"
-            )
-        return cls(float(way @ axis))
-
-    def pose(self, here: Pose, position: Array, direction: Array | None) -> Pose:
-        """Return the flange's next pose, for a tip at a position, with a direction unless that is None."""
-        axis = here.rotation[:, 2]
-        turn = shortest_turn(axis, axis if direction is None else direction)
-        rotation = rotation_from_vector(turn) @ here.rotation
-        return Pose(rotation, position - self.length_m * rotation[:, 2])
-
-    def moved(self, soft: SoftSide, here: Equilibrium, wanted: CourseInstant, loads: Loads) -> Equilibrium:
-        """Return the equilibrium at the flange's next pose."""
-        return soft.follow(here, self.pose(here.world_from_flange, wanted.position, wanted.direction), loads)
+    first, flange = instants.row(0), begin.world_from_flange
+    way = first.position - flange.translation
+    axis = flange.rotation[:, 2]
+    turned = 0.0 if first.direction is None else np.linalg.norm(shortest_turn(axis, first.direction))
+    if np.linalg.norm(way - (way @ axis) * axis) > _BEGINS_WITHIN[0] or turned > _BEGINS_WITHIN[1]:
+        raise UnreachableError(
+            "with reach_with = 'none' a straight arm begins on the path, and this one does not; "
+            f"{_remedy(first)}"
+            ", reach_with = 'none' }"
+        )
+    return StraightArm(float(way @ axis))
 
 
 def _onto(

@@ -6,7 +6,7 @@ from cosim.config.schema.phase import TipTargetTable
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.errors import InputError, UnreachableError
 from cosim.plan.flange_motion import FlangeMotion
-from cosim.plan.tip_paths import _RigidArm
+from cosim.plan.straight_arm import StraightArm
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.solve import tip_target as search
@@ -95,5 +95,6 @@ def _search(
         return soft.find_flange_pose(here, wanted)
     if wanted.position is None:
         raise InputError("a target without position_m needs reach_with = 'cables'")
-    guess = _RigidArm.at(soft, here).pose(here.world_from_flange, wanted.position, wanted.direction)
+    straight = StraightArm.of(soft.body, here.state.positions)
+    guess = straight.pose(here.world_from_flange, wanted.position, wanted.direction)
     return walk(soft, here, FlangeMotion.to(here.world_from_flange, guess), here.loads)

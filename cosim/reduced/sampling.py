@@ -191,7 +191,7 @@ class Sampler:
         """Return the sample at wanted strains (s, 6), or at the last equilibrium on the way to them.
 
         Raises:
-            ConvergenceError: there is none.
+            ConvergenceError: no equilibrium was found.
         """
         frames = self._frames
         here = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
@@ -215,7 +215,7 @@ class Sampler:
         """Return the sample at target frames (f, 4, 3), solved from a start (n, 3) [m] or by load steps.
 
         Raises:
-            ConvergenceError: there is none.
+            ConvergenceError: no equilibrium was found.
         """
         try:
             return self._sample(*self._pulled(free.state, free.loads, target, start))
@@ -228,7 +228,7 @@ class Sampler:
         """Return the equilibrium under guides to target frames (f, 4, 3), from a start (n, 3) [m].
 
         Raises:
-            ConvergenceError: there is none.
+            ConvergenceError: no equilibrium was found.
         """
         guides = RingGuides(self._frames, self._groups, target, _GUIDE_STIFFNESS)
         return self._solver.solve(near, Pose(), replace(loads, extra=guides), start), guides

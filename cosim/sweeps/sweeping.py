@@ -26,7 +26,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final, TextIO, final
 
-from cosim.app import driver, run_files
+from cosim.app import driver, preparation
+from cosim.app.output_directory import OutputDirectory
 from cosim.base import resources, writing
 from cosim.base.files import changed_file, files_read
 from cosim.base.identity import code_identity, content_name
@@ -54,7 +55,7 @@ def run_task(task: Task) -> Row:
             try:
                 scenario = _unpacked(task)
                 wall, cpu = time.perf_counter(), time.thread_time()
-                row = _run(driver.prepared(scenario, _tell_nobody), task)
+                row = _run(preparation.prepared(scenario, _tell_nobody), task)
             except InputError as error:
                 row = Row("refused", reason_of(error))
             except Exception as error:  # a design must not end the sweep, whatever it raises
@@ -78,8 +79,8 @@ def _run(scenario: Scenario, task: Task) -> Row:
     arrays = ResultBuilder(scenario.recording.frames_per_s)
     watchers: Sequence[driver.Observer] = () if measure is None else (arrays,)
     directory = None if task.directory is None else Path(task.directory)
-    build = partial(driver.build_simulation, kept=_kept_here())
-    options, follower = driver.Options(directory, None, watchers, error=False), task.follower
+    build = partial(preparation.build_simulation, kept=_kept_here())
+    options, follower = driver.Options(directory, None, watchers), task.follower
     if follower is not None:
         options = replace(options, watchers=(*watchers, follower), stop=follower.stop)
     outcome = driver.execute(scenario, build, options, started)
@@ -96,7 +97,7 @@ def _run(scenario: Scenario, task: Task) -> Row:
 
 @cache
 def _warm_up() -> None:
-    driver.warm_up()
+    preparation.warm_up()
 
 
 @cache
@@ -384,7 +385,7 @@ def sweep(
     function = tables.measure_named(table.measure) if table.measure is not None else measure
     name = f"sweep_{Path(table.scenario).stem}" if isinstance(study, Mapping) else Path(study).stem
     where = Path(out) if out is not None else Path("runs", name)
-    with run_files.OutputDirectory(where) as directory:
+    with OutputDirectory(where) as directory:
         directory.make()
         directory.claim(JOURNAL, TABLE)
         with Journal(where / JOURNAL).open() as journal:

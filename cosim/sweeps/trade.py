@@ -20,8 +20,10 @@ from uuid import uuid4
 
 import numpy as np
 
-from cosim.app.driver import build_simulation, rerun_recorder
-from cosim.app.run_files import RECORDING, SCENARIO, OutputDirectory
+from cosim.app.driver import rerun_recorder
+from cosim.app.output_directory import OutputDirectory
+from cosim.app.preparation import build_simulation
+from cosim.app.run_files import RECORDING, SCENARIO
 from cosim.base.frames import Array, Pose
 from cosim.config import loading, studies
 from cosim.config.schema.phase import FlangePoseTable

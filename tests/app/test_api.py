@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.errors import ConvergenceError
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -21,7 +21,7 @@ TICKS = 25
 def test_run_returns_one_row_per_snapshot(
     made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
     monkeypatch.chdir(tmp_path)
     result = cosim.run(REFERENCE, overrides={"clock.tick_s": 0.01, "recording.frames_per_s": 50})
     assert result.status == "completed"
@@ -49,7 +49,7 @@ def test_run_returns_one_row_per_snapshot(
 def test_run_writes_files_on_request(
     made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
     result = cosim.run(REFERENCE, out=tmp_path / "a")
     assert result.directory == tmp_path / "a"
     written = json.loads((tmp_path / "a" / "summary.json").read_text(encoding="utf-8"))
@@ -77,7 +77,7 @@ def test_run_raises_what_ended_it_and_keeps_files_and_arrays(
         if tick == 4:
             raise error
 
-    monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build(at_tick))
     with pytest.raises(raised) as caught:
         cosim.run(REFERENCE, out=tmp_path / "a")
     assert isinstance(caught.value, type(error))
@@ -97,7 +97,7 @@ def test_a_run_that_fails_at_its_start_has_no_rows(
     def at_tick(_tick: int) -> None:
         raise ConvergenceError("stalled", 1.0, 3)
 
-    monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build(at_tick))
     with pytest.raises(ConvergenceError) as caught:
         cosim.run(REFERENCE)
     result = caught.value.result

@@ -17,7 +17,7 @@ import pytest
 import cosim
 from cosim.bars import study
 from cosim.bars.calibration import DRAWN, GRADED, apart, tension_apart
-from cosim.bars.finer_mesh import FinerMesh
+from cosim.bars.finer_mesh import FinerMesh, Pair
 from cosim.base.kept_parts import KeptParts
 from cosim.build import section_models
 from cosim.build.soft_model import SoftModel
@@ -124,7 +124,8 @@ def test_a_difference_that_folds_films_is_not_taken_along() -> None:
     found = mesh.at_rest(clamp, rest)
     spent, x = mesh.iterations, found.state.positions
     folded = x + np.random.default_rng(1).uniform(-0.02, 0.02, x.shape)
-    again = mesh.at_rest(clamp, rest, (rest, replace(found, state=replace(found.state, positions=folded))))
+    before = Pair(rest, replace(found, state=replace(found.state, positions=folded)), clamp)
+    again = mesh.at_rest(clamp, rest, before)
     assert mesh.iterations - spent <= spent
     assert again.state.positions == pytest.approx(x, abs=1e-6)
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import pytest
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.base.files import files_read, read_file
 from cosim.base.resources import scenario_path
 from cosim.build.arms import find_arm
@@ -172,7 +172,7 @@ def test_a_run_does_not_go_on_with_another_body_mesh(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     written(tmp_path)
-    build = driver.build_simulation
+    build = preparation.build_simulation
 
     class Interrupted:
         """A simulation that is interrupted after its first ticks."""
@@ -189,7 +189,7 @@ def test_a_run_does_not_go_on_with_another_body_mesh(
             os.kill(os.getpid(), signal.SIGINT)
             yield from found
 
-    monkeypatch.setattr(driver, "build_simulation", Interrupted)
+    monkeypatch.setattr(preparation, "build_simulation", Interrupted)
     out = tmp_path / "out"
     given = ("--no-recording", "--quiet", "--out", str(out))
     assert main(["run", str(tmp_path / "scenario.toml"), *given]) == EXIT_INTERRUPTED

@@ -89,9 +89,9 @@ def test_kernels_are_compiled_for_their_own_arguments(tmp_path: Path) -> None:
 
 def test_every_kernel_is_one_that_is_compiled_by_warming_up() -> None:
     code = (
-        "from cosim.base import compilation; from cosim.app import driver\n"
+        "from cosim.base import compilation; from cosim.app import preparation\n"
         "def say(kernels): print(*(f'{each.__module__}.{each.__name__}' for each in kernels))\n"
-        "compilation.compile_kernels = say; driver.warm_up()"
+        "compilation.compile_kernels = say; preparation.warm_up()"
     )
     done = run_forked(code, ROOT)
     assert done.returncode == 0, done.stderr

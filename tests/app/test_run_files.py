@@ -8,17 +8,9 @@ from pathlib import Path
 import pytest
 
 from cosim.app import run_files
-from cosim.app.driver import ArrayRecorder
-from cosim.app.run_files import (
-    ARRAYS,
-    FRAMES,
-    MARKER,
-    SUMMARY,
-    OutputDirectory,
-    RunFiles,
-    default_directory,
-    recordings,
-)
+from cosim.app.array_recorder import ArrayRecorder
+from cosim.app.output_directory import MARKER, OutputDirectory
+from cosim.app.run_files import ARRAYS, FRAMES, SUMMARY, RunFiles, default_directory, recordings
 from cosim.config.loading import load_scenario
 from cosim.recording.recorder import RecordingPart
 from cosim.telemetry.tick_batch import TickBatch

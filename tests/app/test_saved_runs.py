@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.state import difference
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from tests.devices import device_parts
 
 PACKAGE = Path(__file__).resolve().parents[2] / "cosim"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_body import build_soft_body
 from cosim.build.soft_model import SoftModel

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.frames import Pose
 from cosim.build.arms import find_arm
 from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object

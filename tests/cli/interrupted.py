@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app import driver
+from cosim.app import driver, preparation
 from cosim.cli.main import main
 from cosim.recording.recorder import RecordingPart
 from tests.cli.test_run import REFERENCE, NotingRecorder, files_in, summary_of
@@ -44,7 +44,7 @@ class Command:
         self.recorders: list[NotingRecorder] = []
 
     def __call__(self, *arguments: str, at_tick: Callable[[int], None] = lambda tick: None) -> int:
-        self._patch.setattr(driver, "build_simulation", self._build(at_tick))
+        self._patch.setattr(preparation, "build_simulation", self._build(at_tick))
         self._patch.setattr(driver, "rerun_recorder", self._recorder)
         return main(["run", *arguments])
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app import driver, run_files
+from cosim.app import preparation, run_files
 from cosim.app import run_files as output_directory
 from cosim.cli.main import main
 from tests.cli.interrupted import Command
@@ -111,7 +111,7 @@ def test_a_signal_before_the_loop_has_its_own_code(
         os.kill(os.getpid(), number)
         raise AssertionError("the signal should have ended the command")
 
-    monkeypatch.setattr(driver, "build_simulation", build)
+    monkeypatch.setattr(preparation, "build_simulation", build)
     assert main(["run", REFERENCE, "--quiet", "--out", str(command.directory)]) == code
     assert not command.directory.exists()
 

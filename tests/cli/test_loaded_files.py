@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.files import ABSENT, changed_file, files_read
 from cosim.base.kept_parts import KeptParts
 from cosim.base.resources import object_mesh_path, scenario_path

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.app.run_files import MARKER, OutputDirectory
+from cosim.app.output_directory import MARKER, OutputDirectory
 from cosim.cli.main import main
 from cosim.errors import InputError
 from tests.cli.interrupted import Command, interrupt_at

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.app import checkpoint, driver
-from cosim.app.driver import build_simulation
+from cosim.app import checkpoint, preparation
+from cosim.app.preparation import build_simulation
 from cosim.app.simulation import Simulation as SteppedByHand
 from cosim.base.state_file import load
 from cosim.cli.main import main
@@ -273,7 +273,7 @@ def test_a_real_run_goes_on_bit_for_bit(
         return Disturbed(build_simulation(scenario), 13, disturb)
 
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "build_simulation", build)
+        patch.setattr(preparation, "build_simulation", build)
         out = tmp_path / "out"
         assert main(["run", "three_unit_inflation", "--out", str(out), *words]) == code
     branch = SteppedByHand(out / "scenario.toml", start=out / "checkpoint.npz")

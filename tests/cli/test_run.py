@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from cosim.app import driver
+from cosim.app import driver, preparation
+from cosim.app.output_directory import MARKER
 from cosim.app.progress import clock
-from cosim.app.run_files import MARKER
 from cosim.base.resources import list_soft_robots
 from cosim.cli.main import main
 from cosim.cli.running import TerminalLine
@@ -59,7 +59,7 @@ def run(
     def command(
         *arguments: str, at_tick: Callable[[int], None] = lambda tick: None, out: Path = tmp_path / "out"
     ) -> tuple[int, Path]:
-        monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+        monkeypatch.setattr(preparation, "build_simulation", made_up_build(at_tick))
         monkeypatch.setattr(driver, "rerun_recorder", lambda path, settings, part: NotingRecorder(path))
         return main(["run", REFERENCE, "--out", str(out), *arguments]), out
 

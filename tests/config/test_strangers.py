@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.cli.main import main
 from cosim.cli.screen import printable
 from cosim.config.loading import load_scenario

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.frames import Array, Pose, Wrench
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario

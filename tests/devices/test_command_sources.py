@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario, scenario_text

@@ -13,7 +13,7 @@ import pytest
 
 import cosim
 from cosim import Command, Controller, Measurement
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.telemetry.figures import control_figures

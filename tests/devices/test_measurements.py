@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario

@@ -192,7 +192,7 @@ def _check(scenario: Scenario) -> str:
 
 
 def _run(scenario: Scenario) -> None:
-    from cosim.app.driver import build_simulation  # here: the level "load" needs no engine
+    from cosim.app.preparation import build_simulation  # here: the level "load" needs no engine
 
     if scenario.fidelity == "section":  # its model takes longer than a trial may
         scenario = replace(scenario, fidelity="lumped")

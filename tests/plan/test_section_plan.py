@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.cli.running import PlanWarnings
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from tests.recording import tip_speed
 from tests.recording.tip_speed import TipSpeed
 
@@ -30,7 +30,7 @@ def test_a_view_records_what_the_run_returns(
         if failing and tick == 9:
             raise ZeroDivisionError("of a controller")
 
-    monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build(at_tick))
     view = TipSpeed(str(tmp_path / "tip.rrd"))
     try:
         result = cosim.run("ur5e_hexagon_arm", overrides=CHANGES, observers=[view])

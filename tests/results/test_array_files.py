@@ -15,7 +15,7 @@ import pytest
 from pyarrow import parquet
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.errors import ConvergenceError
 from cosim.results.array_files import stage_of, stored_stage
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
@@ -38,7 +38,7 @@ def assert_same_arrays(found: RunResult, wanted: RunResult, *, but: tuple[str, .
 
 @pytest.fixture
 def made_up(made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
 
 
 def test_a_loaded_run_is_the_one_in_memory(made_up: None, tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_a_run_that_failed_at_its_start_is_loaded_without_rows(
     def at_tick(_tick: int) -> None:
         raise ConvergenceError("stalled", 1.0, 3)
 
-    monkeypatch.setattr(driver, "build_simulation", made_up_build(at_tick))
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build(at_tick))
     with pytest.raises(ConvergenceError) as caught:
         cosim.run(REFERENCE, out=tmp_path / "a")
     loaded = cosim.load_run(tmp_path / "a")

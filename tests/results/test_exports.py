@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.cli.main import main
 from cosim.results.result import panels
 
@@ -24,7 +24,7 @@ REFERENCE = "ur5e_hexagon_arm"
 def result(
     made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> cosim.RunResult:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
     overrides = {"clock.tick_s": 0.01, "recording.frames_per_s": 50}
     return cosim.run(REFERENCE, overrides=overrides, out=tmp_path / "run")
 

@@ -11,7 +11,7 @@ import pytest
 from pyarrow import csv, parquet
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.base.column import Column, RunFigure, View
 from cosim.base.columns import RunColumns
 from cosim.recording.plots import plots_of
@@ -39,7 +39,7 @@ def entry(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_further_column_is_in_results_files_summary_and_plots(
     entry: None, made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
     result = cosim.run("ur5e_hexagon_arm", out=tmp_path)
     power = (result.joint_torque * result.joint_velocity).sum(axis=1)
     assert np.ptp(power) > 0.0

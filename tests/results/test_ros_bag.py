@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 import cosim
-from cosim.app import driver
+from cosim.app import preparation
 from cosim.base.frames import rotations_from_quaternions
 from cosim.cli.main import main
 from cosim.results import ros_bag
@@ -26,7 +26,7 @@ from cosim.telemetry.snapshot import CameraInfo
 def result(
     made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> cosim.RunResult:
-    monkeypatch.setattr(driver, "build_simulation", made_up_build())
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build())
     overrides = {"clock.tick_s": 0.01, "recording.frames_per_s": 50}
     found = cosim.run("ur5e_hexagon_arm", overrides=overrides, out=tmp_path / "run")
     turns = np.random.default_rng(1).normal(size=(len(found.tick), 4))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
 from cosim.telemetry.summary import summary_markdown

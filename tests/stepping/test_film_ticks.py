@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from tests.stepping.snapshots import assert_close

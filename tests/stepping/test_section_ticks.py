@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, build_simulation, drive, execute
+from cosim.app.driver import Options, drive, execute
+from cosim.app.preparation import build_simulation
 from cosim.app.simulation import Simulation
 from cosim.build import section_models
 from cosim.config.loading import load_scenario

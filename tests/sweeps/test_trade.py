@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.run_files import OutputDirectory
+from cosim.app.output_directory import OutputDirectory
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.simulation import build
 from cosim.cli import trade as command

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import build_simulation
+from cosim.app.preparation import build_simulation
 from cosim.base.column import columns_of
 from cosim.base.columns import TickColumns
 from cosim.base.frames import (

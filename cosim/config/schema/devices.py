@@ -9,7 +9,6 @@ from typing import Annotated, Final, Literal, final
 
 from annotated_types import Len
 
-from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.toml.quantities import (
     Name,
     NonNegative,

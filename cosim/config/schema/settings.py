@@ -9,7 +9,6 @@ from typing import Annotated, Literal, final
 
 from annotated_types import Interval
 
-from cosim.config.schema import pattern as _pattern  # noqa: F401  # makes its kind of body known
 from cosim.config.toml.quantities import (
     Count,
     NonNegative,

@@ -13,7 +13,8 @@ import numpy as np
 
 from cosim.errors import InputError
 from cosim.rigid.build import mjcf_files, object_bodies
-from cosim.rigid.build.description import CELL, VISUAL_GROUP, Cell, CellJoint
+from cosim.rigid.build.description import VISUAL_GROUP, Cell, CellJoint
+from cosim.rigid.build.scene_names import CELL
 
 ROTOR: Final = 1e6  # kg, kg m^2
 _FIRST_HIDDEN_GROUP: Final = 3  # MuJoCo shows groups 0, 1 and 2

@@ -16,17 +16,15 @@ from cosim.base.solid import BodyShape
 from cosim.errors import SceneError
 from cosim.rigid.build import corner_contacts, drawn_arm, engine, mjcf_arm, object_bodies, urdf_arm, wires
 from cosim.rigid.build.cell import attach_cell
-from cosim.rigid.build.description import (
+from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
+from cosim.rigid.build.drawn_shapes import body_shapes
+from cosim.rigid.build.scene_names import (
     FLANGE_CONTACTS,
     FLANGE_SITE,
     FORCE_SENSOR,
     OBJECT_CONTACTS,
     TORQUE_SENSOR,
-    SceneDescription,
-    SceneObject,
-    ServoGains,
 )
-from cosim.rigid.build.drawn_shapes import body_shapes
 
 _STIFF_FRICTION: Final = 0.999  # impedance of joints with dry friction that stand still, below 1
 

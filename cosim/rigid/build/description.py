@@ -4,7 +4,7 @@ the cell, and friction of pairs.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 
@@ -14,12 +14,6 @@ from cosim.config.schema.objects import WireTable
 from cosim.errors import InputError
 from cosim.rigid.build.pair_friction import PairFriction
 
-CELL: Final = "cell"
-"""Body that carries the cell; its names are CELL/NAME."""
-FLANGE_SITE, FORCE_SENSOR, TORQUE_SENSOR = "flange", "flange_force", "flange_torque"
-FLANGE_CONTACTS = "flange_contacts"
-OBJECT_CONTACTS = "contacts of"
-"""What names of sensors begin with that count an object's contacts: with all, then with each flange."""
 VISUAL_GROUP = 1  # MuJoCo's URDF reader puts what is drawn into this geom group
 
 

@@ -18,7 +18,7 @@ _OFF_PLANE = 1e-13  # least distance of a point from the planes of symmetry, ove
 
 
 @device_function
-def _from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
+def from_center_line(x: float, y: float, z: float, radius: float, normal: Array) -> Any:
     """Return the distance to a sphere, p from the nearest point of the centre line."""
     length = np.sqrt(x * x + y * y + z * z)
     if length > 0.0:

@@ -10,7 +10,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_vector
-from cosim.rigid.distance.primitives import _from_center_line, box, cylinder, ellipsoid
+from cosim.rigid.distance.primitives import box, cylinder, ellipsoid, from_center_line
 from cosim.rigid.distance.shapes import ShapeKind, ShapePoses, Shapes
 from cosim.rigid.distance.surfaces import FAR, grid, hull
 
@@ -25,9 +25,9 @@ def _distance(shapes: Shapes, g: int, p: Vector, reach: float, weight: Vector, n
         normal[0], normal[1], normal[2] = 0.0, 0.0, 1.0
         return p[2]
     if kind == 2:
-        return _from_center_line(p[0], p[1], p[2], size[0], normal)
+        return from_center_line(p[0], p[1], p[2], size[0], normal)
     if kind == 3:  # radius size[0] about the segment |z| < size[1]
-        return _from_center_line(p[0], p[1], p[2] - min(max(p[2], -size[1]), size[1]), size[0], normal)
+        return from_center_line(p[0], p[1], p[2] - min(max(p[2], -size[1]), size[1]), size[0], normal)
     if kind == 4:
         return ellipsoid(p[0], p[1], p[2], size, normal)
     if kind == 5:

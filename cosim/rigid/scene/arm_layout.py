@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray
-from cosim.rigid.build.description import (
+from cosim.rigid.build.scene_names import (
     FLANGE_CONTACTS,
     FLANGE_SITE,
     FORCE_SENSOR,

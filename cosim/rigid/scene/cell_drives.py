@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, Mask
-from cosim.rigid.build.description import CELL
+from cosim.rigid.build.scene_names import CELL
 
 
 @final
