@@ -4,8 +4,8 @@ else in the package's `__pycache__`; kernels are in the package, or else in the 
 writable folder is used, and folders of root are read as well. Kernels are read with pickle, so whoever can
 write to their folder could run code: folders that others own or may write to are not used. The name of a
 file, or of its folder, contains a hash of everything that its content depends on, versions included. Damaged
-files are deleted with a warning. If the files of a kind exceed `MOST_BYTES`, the least recently used are
-deleted.
+files are deleted with a warning, those that another version of cosim wrote without one. If the files of a
+kind exceed `MOST_BYTES`, the least recently used are deleted.
 """
 
 import os
@@ -120,7 +120,10 @@ def load(kind: str, name: str, read: Callable[[bytes], Kind]) -> Kind | None:
 
 
 def _undamaged(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
-    """Return the content of a file; None if there is no such file, or, with a warning, if it is damaged."""
+    """Return the content of a file; None if there is no such file, or none that this version can read.
+
+    A damaged file is deleted with a warning.
+    """
     try:
         mark, _, data = path.read_bytes().partition(b"\n")
         with suppress(OSError):
@@ -132,13 +135,13 @@ def _undamaged(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
         reason = error.strerror or "cannot be read"
     else:
         if mark == _MARK + sha256(data).hexdigest().encode():
-            try:
+            with suppress(Exception):  # another version of cosim may have written other classes
                 return read(data)
-            except Exception as error:  # another version of cosim may have written other classes
-                reason = f"is of another version ({type(error).__name__})"
+            reason = None
         else:
             reason = "is damaged"
-    warnings.warn(f"{path}: {reason}; its content is computed again", RuntimeWarning, stacklevel=2)
+    if reason is not None:
+        warnings.warn(f"{path}: {reason}; its content is computed again", RuntimeWarning, stacklevel=2)
     with suppress(OSError):
         path.unlink()
     return None

@@ -53,6 +53,15 @@ def test_a_damaged_file_is_deleted_with_a_warning(folder: Path) -> None:
     assert not path.exists()
 
 
+def test_a_file_of_another_version_is_deleted_without_a_warning(folder: Path) -> None:
+    def cannot(_data: bytes) -> bytes:
+        raise LookupError("a class that this version does not have")
+
+    caches.store(caches.PLANS, "a", b"sound")
+    assert caches.load(caches.PLANS, "a", cannot) is None
+    assert not (folder / caches.PLANS / "a").exists()
+
+
 def test_without_a_folder_nothing_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     for name in (caches.VARIABLE, "XDG_CACHE_HOME"):

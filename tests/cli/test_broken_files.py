@@ -17,8 +17,7 @@ from typing import Any
 
 import pytest
 
-from cosim.app import preparation, run_files
-from cosim.app import run_files as output_directory
+from cosim.app import output_directory, preparation, run_files
 from cosim.cli.main import main
 from tests.cli.interrupted import Command
 from tests.cli.test_run import REFERENCE, TICKS, summary_of

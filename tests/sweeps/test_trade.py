@@ -391,7 +391,7 @@ def test_the_command_writes_its_files_and_measures_nothing_twice(
     assert frame["tip_error_m"][0] == 0.0 < frame["tip_error_m"][1]
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as where it is not installed
     seen: list[SweepProgress] = []
-    monkeypatch.setattr("cosim.cli.sweep_line.SweepLine", lambda _stream: seen.append)
+    monkeypatch.setattr("cosim.cli.main.SweepLine", lambda _stream: seen.append)
     assert main([*words, "--budget", "1e12x"]) == 1
     captured = capsys.readouterr()
     assert "No candidate meets budget real-time factor 1e+12." in captured.out
