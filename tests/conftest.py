@@ -16,7 +16,8 @@ from cosim.base.compilation import compile_modules
 from cosim.base.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
 from cosim.soft.beams.beam_rings import StiffenerStrain
-from cosim.telemetry.snapshot import RunErrors, RunInfo
+from cosim.telemetry.run_errors import RunErrors
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.compiled import all_modules
 from tests.ticks import changed, made_tick, read_film

@@ -38,7 +38,7 @@ def made_tick(film: FilmShapes, values: Mapping[str, Any], **rare: Any) -> Snaps
     }
     sizes = {axis: len(values[name]) for axis, name in counted.items()} | {"readings": 0, "energies": 0}
     arrays, kinds = room_for(TickColumns, sizes)(1), columns_of(TickColumns)
-    arrays |= {name: np.array([value], kinds[name].kind) for name, value in values.items()}
+    arrays |= {name: np.array([value], type(kinds[name].fill)) for name, value in values.items()}
     devices = rare.pop("devices", None)
     by_row = {name: {0: found} for name, found in rare.items() if found}
     return TickBatch(arrays, film, (devices,), **by_row).snapshot(0)
@@ -52,5 +52,5 @@ def changed(snapshot: Snapshot, **values: Any) -> Snapshot:
             rare[name] = {0: values.pop(name)}
     if "devices" in rare:
         rare["devices"] = (rare["devices"][0],)
-    given = {name: np.array([value], kinds[name].kind) for name, value in values.items()}
+    given = {name: np.array([value], type(kinds[name].fill)) for name, value in values.items()}
     return replace(table, arrays={**table.arrays, **given}, **rare).snapshot(0)

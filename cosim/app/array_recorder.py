@@ -10,7 +10,7 @@ from cosim.errors import OutputError
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
 from cosim.results.result import ResultBuilder
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 

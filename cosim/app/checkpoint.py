@@ -26,7 +26,7 @@ from cosim.base.state_checks import check_indices, check_state
 from cosim.base.whole_files import unfinished_files
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, SummaryState
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 

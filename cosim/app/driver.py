@@ -25,7 +25,8 @@ from cosim.config.several_arms import ArmsScenario
 from cosim.errors import SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.telemetry.phase_ends import PhaseEnds
-from cosim.telemetry.snapshot import RunErrors, RunInfo
+from cosim.telemetry.run_errors import RunErrors
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, reason_of, summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 

@@ -21,7 +21,8 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
 from cosim.results.result import RunResult
 from cosim.telemetry.phase_ends import PhaseEnds
-from cosim.telemetry.snapshot import RunErrors, RunInfo
+from cosim.telemetry.run_errors import RunErrors
+from cosim.telemetry.run_info import RunInfo
 
 
 def error_bars(run: RunResult | str | Path) -> RunErrors:

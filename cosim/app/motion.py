@@ -25,7 +25,7 @@ from cosim.devices.controller import Command
 from cosim.errors import InputError, SolverError
 from cosim.results.exports import PAYLOAD, JointTable, sample_times
 from cosim.results.result import RunResult, figure_kind, result_of
-from cosim.telemetry import snapshot
+from cosim.telemetry import run_info
 from cosim.telemetry.holding import held_parts
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _table(name: str, run: SteppedRun, rows: _Rows, cables: Sequence[str]) -> Jo
     )
 
 
-def _joint_heads(stage: snapshot.RunInfo) -> list[str]:
+def _joint_heads(stage: run_info.RunInfo) -> list[str]:
     pairs = zip(stage.joint_names, stage.sliding, strict=True)
     return [f"{name}.position_{'m' if slides else 'rad'}" for name, slides in pairs]
 
@@ -331,7 +331,7 @@ def _from_zero(rows: JointTable) -> JointTable:
     return replace(rows, time_s=rows.time_s - rows.time_s[0])
 
 
-def _check_columns(rows: JointTable, stage: snapshot.RunInfo) -> None:
+def _check_columns(rows: JointTable, stage: run_info.RunInfo) -> None:
     """Refuse columns that would have no effect.
 
     Raises:
@@ -352,7 +352,7 @@ def _check_columns(rows: JointTable, stage: snapshot.RunInfo) -> None:
         )
 
 
-def _check_joints(rows: JointTable, stage: snapshot.RunInfo) -> int:
+def _check_joints(rows: JointTable, stage: run_info.RunInfo) -> int:
     """Return how many rows ask for more than the joints' bound of speed.
 
     Raises:
@@ -414,7 +414,7 @@ def _curves(result: RunResult) -> dict[str, Array]:
     return curves | dict(zip(_measured_joints(result.stage), result.joint_position.T, strict=True))
 
 
-def _measured_joints(stage: snapshot.RunInfo) -> list[str]:
+def _measured_joints(stage: run_info.RunInfo) -> list[str]:
     """Return the names of columns of measured joints."""
     pairs = zip(stage.joint_names, stage.sliding, strict=True)
     return [f"{name}.measured_{'m' if slides else 'rad'}" for name, slides in pairs]

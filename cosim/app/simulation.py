@@ -24,7 +24,8 @@ from cosim.errors import InputError
 from cosim.plan.decision import Choices
 from cosim.results.result import result_of
 from cosim.stepping.stepped_run import RunState
-from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.camera_image import CameraImage
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 if TYPE_CHECKING:

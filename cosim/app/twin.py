@@ -17,7 +17,7 @@ from cosim.devices.command_checks import row_of_numbers
 from cosim.devices.controller import Command
 from cosim.devices.live.streams import Reading, Stream, Streams, open_stream
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 APPROACH_s: Final = 2.0

@@ -42,7 +42,7 @@ from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.solve import tip_target
 from cosim.soft.solve.state import Equilibrium
 from cosim.telemetry.phase_ends import PhaseEnd, PhaseEnds
-from cosim.telemetry.snapshot import RunErrors
+from cosim.telemetry.run_errors import RunErrors
 
 SHARE: Final = 0.25
 """Of the run's processor time, that of all phases at most; else it is the last one alone."""

@@ -20,6 +20,7 @@ _FIXED: Final[dict[str, Sequence[str]]] = {
     "energies": [term.removesuffix("_J") for term in TERMS],
 }
 """Names of the entries along axes that are the same in every run."""
+_ZERO: Final = np.float64(0.0)
 
 
 @final
@@ -123,9 +124,7 @@ class TableRow(Columns):
     def value_of(self, column: "Column") -> Any:
         """Return the value of a column in this row."""
         value = self.table.value_of(column)[0]
-        if column.single is not None:
-            shown = column.single(value)
-        elif isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray):
             shown = value.view()
             shown.setflags(write=False)
         else:
@@ -154,12 +153,9 @@ class Column:
         unit: such as "m"; "1" without one.
         meaning: in words.
         reduce: figures of the summary.
-        kind: of its numbers.
-        empty: its value in rows that nothing fills; 0 unless given.
-        read: computes it from the other columns of some ticks; None for one that is stored.
-        single: how a row shows its value (...); None: as a number or an array.
+        fill: value in rows that nothing fills; its type is that of the column's numbers.
+        read: computes the column from other columns of some ticks; None for a stored column.
         view: how recordings plot it; None: they do not.
-        topic: of ROS bags, under which each entry is published by name; empty for none.
     """
 
     def __init__(
@@ -168,17 +164,13 @@ class Column:
         unit: str,
         meaning: str,
         *reduce: RunFigure,
-        kind: type[np.generic] = np.float64,
-        empty: float | str = 0,
+        fill: np.generic = _ZERO,
         read: Callable[[Any], NDArray[Any]] | None = None,
-        single: Callable[[NDArray[Any]], Any] | None = None,
         view: View | None = None,
-        topic: str = "",
     ) -> None:
         self.name = ""
-        self.axes, self.unit, self.meaning, self.kind = tuple(axes.split(", ")), unit, meaning, kind
-        self.empty, self.read, self.single = empty, read, single
-        self.reduce, self.view, self.topic = reduce, view, topic
+        self.axes, self.unit, self.meaning = tuple(axes.split(", ")), unit, meaning
+        self.fill, self.read, self.reduce, self.view = fill, read, reduce, view
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -239,14 +231,13 @@ def room_for(kind: type, sizes: Mapping[str, int]) -> Callable[[int], dict[str, 
     for name, column in columns_of(kind).items():
         shape = None if column.read else column.shape(0, sizes)
         if shape is not None:
-            text = isinstance(column.empty, str)
-            known.append((name, shape[1:], np.array(column.empty).dtype if text else np.dtype(column.kind)))
-    empty = {name: column.empty for name, column in columns_of(kind).items() if column.empty}
+            known.append((name, shape[1:], column.fill))
+    filled = [(name, fill) for name, _, fill in known if fill]
 
     def room(rows: int) -> dict[str, NDArray[Any]]:
-        arrays = {name: np.zeros((rows, *shape), dtype) for name, shape, dtype in known}
-        for name in empty:
-            arrays[name].fill(empty[name])
+        arrays = {name: np.zeros((rows, *shape), fill.dtype) for name, shape, fill in known}
+        for name, fill in filled:
+            arrays[name].fill(fill)
         return arrays
 
     return room
@@ -265,8 +256,8 @@ def check_arrays(
         raise InputError(f"{place} has {', '.join(arrays)}, not {', '.join(stored)}")
     for name, column in stored.items():
         array, wanted = arrays[name], column.shape(rows, sizes)
-        if np.dtype(column.kind).kind != array.dtype.kind:
-            raise InputError(f"{place}.{name} holds {array.dtype}, not {np.dtype(column.kind).name}")
+        if column.fill.dtype.kind != array.dtype.kind:
+            raise InputError(f"{place}.{name} holds {array.dtype}, not {type(column.fill).__name__}")
         if len(array) != rows or (wanted is not None and array.shape != wanted):
             raise InputError(f"{place}.{name} has shape {array.shape}, not {wanted}")
 

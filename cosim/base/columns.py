@@ -11,7 +11,15 @@ from cosim.base.column import Column, Columns, RunFigure, TableRow, View
 from cosim.base.frames import Array, IntArray, Mask, Twist, Wrench, quaternions_from_rotations
 
 _NONE: Final = np.zeros(0)
+_COUNT: Final = np.int64(0)
+_NO: Final = np.bool_(False)
 _XYZ: Final = ("vermilion", "green", "sky")
+_RECORDS: Final[dict[str, Callable[[Array], Any]]] = {
+    "flange_twist": lambda row: Twist(row[:3], row[3:]),
+    "wrench": lambda row: Wrench(row[:3], row[3:]),
+    "tip_target": lambda row: None if np.isnan(row).all() else row,
+}
+"""How a single tick shows columns that are neither numbers nor plain arrays."""
 
 
 def _sag_m(ticks: Any) -> Array:
@@ -43,18 +51,6 @@ def _has_tip_target(ticks: Any) -> Mask:
     return np.asarray(~np.isnan(ticks.tip_target).all(axis=1))
 
 
-def _target(row: Array) -> Array | None:
-    return None if np.isnan(row).all() else row
-
-
-def _twist(row: Array) -> Twist:
-    return Twist(row[:3], row[3:])
-
-
-def _wrench(row: Array) -> Wrench:
-    return Wrench(row[:3], row[3:])
-
-
 def _target_distance_m(ticks: Any) -> Array:
     away = ticks.tip_position - ticks.tip_target
     away[np.isnan(away)] = 0.0
@@ -64,9 +60,9 @@ def _target_distance_m(ticks: Any) -> Array:
 class RunColumns(Columns):
     """The columns of a result, which files hold as well; world frame, SI units."""
 
-    tick = Column("rows", "1", "count of ticks, 0 before the first one.", kind=np.int64)
+    tick = Column("rows", "1", "count of ticks, 0 before the first one.", fill=_COUNT)
     time_s = Column("rows", "s", "simulated time.", RunFigure("end_s", "end", "simulated time [s]"))
-    phase = Column("rows", "1", "index into `stage.phase_names`.", kind=np.int64)
+    phase = Column("rows", "1", "index into `stage.phase_names`.", fill=_COUNT)
     joint_position = Column(
         "rows, joints", "rad", "of the arm; a joint that slides has metres.",
         RunFigure("joint_position_rad", "end", "list, arm joints [rad]"),
@@ -148,7 +144,6 @@ class RunColumns(Columns):
     )  # fmt: skip
     chamber_pressure_Pa = Column(
         "rows, chambers", "Pa", "gauge.",
-        topic="pressure_Pa",
         view=View("Robot", 0, "pressure", "Pressure [kPa]", 1e-3, "gauge pressure", ("sky",)),
     )  # fmt: skip
     chamber_volume_m3 = Column(
@@ -159,7 +154,6 @@ class RunColumns(Columns):
     cable_tension_N = Column(
         "rows, cables", "N", "at the base end.",
         RunFigure("cable_tension_N", "end", "list, tension at the base end of each cable [N]"),
-        topic="tension_N",
         view=View("Robot", 2, "tension", "Cable tension [N]", label="cable"),
     )  # fmt: skip
     cable_length_m = Column(
@@ -190,7 +184,7 @@ class RunColumns(Columns):
         RunFigure(
             "newton_iterations", "sum", "of the soft side, all ticks and the start equilibrium together"
         ),
-        kind=np.int64,
+        fill=_COUNT,
         view=View("Run", 1, "newton", "Newton iterations per tick", 1.0, "iterations", ("white",),
             legend=False, peaks=True),
     )  # fmt: skip
@@ -220,7 +214,7 @@ class RunColumns(Columns):
         RunFigure(
             "contact_since_s", "since", "first time at which the film touched the scene; `null`: never"
         ),
-        kind=np.int64,
+        fill=_COUNT,
     )  # fmt: skip
     contact_force_N = Column(
         "rows", "N", "sum of the normal forces that acted on bodies, mean over the tick.",
@@ -239,7 +233,7 @@ class RunColumns(Columns):
     )  # fmt: skip
     palm_contacts = Column(
         "rows", "1", "of what is mounted on the flange with rigid bodies.",
-        kind=np.int64, read=_palm_contacts,
+        fill=_COUNT, read=_palm_contacts,
     )  # fmt: skip
     self_contacts = Column(
         "rows", "1", "points of the film that press on another film of the soft robot.",
@@ -248,7 +242,7 @@ class RunColumns(Columns):
             "first time at which films of the soft robot press on one another; `null` where they never do, "
             "or contact between them is not modelled",
         ),
-        kind=np.int64,
+        fill=_COUNT,
     )  # fmt: skip
     self_contact_force_N = Column(
         "rows", "N", "sum of their normal forces.",
@@ -286,11 +280,10 @@ class TickColumns(RunColumns):
 
     flange_rotation = Column("rows, 3, 3", "1", "world from flange.")
     flange_twist = Column(
-        "rows, 6", "m/s", "linear and angular [rad/s], of the flange's origin, world axes.", single=_twist,
+        "rows, 6", "m/s", "linear and angular [rad/s], of the flange's origin, world axes.",
     )  # fmt: skip
     wrench = Column(
         "rows, 6", "N", "force and torque [N m] of the soft robot on the flange, at its origin, world axes.",
-        single=_wrench,
     )  # fmt: skip
     mounted_load = Column(
         "rows, 6", "N",
@@ -316,9 +309,9 @@ class TickColumns(RunColumns):
         read=lambda ticks: ticks.film.figures.center_line_m,
     )  # fmt: skip
     tip_target = Column(
-        "rows, 3", "m", "world; NaN in free components, and without a target.", empty=np.nan, single=_target,
+        "rows, 3", "m", "world; NaN in free components, and without a target.", fill=np.float64(np.nan),
     )  # fmt: skip
-    has_tip_target = Column("rows", "1", "whether there is one.", kind=np.bool_, read=_has_tip_target)
+    has_tip_target = Column("rows", "1", "whether there is one.", fill=_NO, read=_has_tip_target)
     target_distance_m = Column(
         "rows", "m",
         "of the tip from its target in the components that are not free; NaN without a target.",
@@ -364,9 +357,9 @@ class TickColumns(RunColumns):
             "Newton's method failed even with the load cut to 1/256, a damped body slid on from the end of "
             "the branch, and Newton's method converged there",
         ),
-        kind=np.int64,
+        fill=_COUNT,
     )  # fmt: skip
-    algorithmic_mass = Column("rows", "1", "whether it was carried as armature in the tick.", kind=np.bool_)
+    algorithmic_mass = Column("rows", "1", "whether it was carried as armature in the tick.", fill=_NO)
     contact_ratio = Column(
         "rows", "1", "largest mass by which the film answers touched bodies within a tick, over theirs.",
         RunFigure(
@@ -385,11 +378,11 @@ class TickColumns(RunColumns):
         "contact that the tick resolves least; 0 without one.",
     )  # fmt: skip
     hit_way_m = Column("rows", "m", "way of that body in a step that would resolve it.")
-    hit_body = Column("rows", "1", "index of the body; -1 for no hit.", kind=np.int64, empty=-1)
-    scheme = Column("rows", "1", "of the exchange in the tick.", kind=np.str_, empty="staggered")
+    hit_body = Column("rows", "1", "index of the body; -1 for no hit.", fill=np.int64(-1))
+    scheme = Column("rows", "1", "of the exchange in the tick.", fill=np.str_("staggered"))
     trials = Column(
         "rows", "1", "how often the tick was taken until the loads agreed; 1 in the staggered exchange.",
-        kind=np.int64, empty=1,
+        fill=np.int64(1),
     )  # fmt: skip
     iterated_trials = Column(
         "rows", "1", "the same of ticks that were repeated until the loads agreed; 0 for the others.",
@@ -400,7 +393,7 @@ class TickColumns(RunColumns):
         ),
         RunFigure("interface_trials", "sum", "how often these ticks were taken in all"),
         RunFigure("max_interface_trials", "largest", "how often the tick with most trials was taken"),
-        kind=np.int64, read=lambda ticks: np.where(ticks.scheme == "iterated", ticks.trials, 0),
+        fill=_COUNT, read=lambda ticks: np.where(ticks.scheme == "iterated", ticks.trials, 0),
     )  # fmt: skip
     interface_residual = Column(
         "rows", "1",
@@ -429,8 +422,18 @@ class TickTable(TickColumns):
 class TickRow(TableRow, TickColumns):
     """One tick: its columns are attributes, `wrench` a `Wrench`, `flange_twist` a `Twist`.
 
+    `tip_target` is None without a target.
+
     Args:
         table: of this tick alone.
     """
 
     table: TickTable
+
+    def value_of(self, column: Column) -> Any:
+        """Return the value of a column in this tick."""
+        record = _RECORDS.get(column.name)
+        if record is None:
+            return super().value_of(column)
+        vars(self)[column.name] = shown = record(self.table.value_of(column)[0])
+        return shown

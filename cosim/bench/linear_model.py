@@ -22,7 +22,7 @@ from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 _ROUNDING: Final = 1e-12

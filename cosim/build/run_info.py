@@ -34,8 +34,9 @@ from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.film.film_energies import FilmEnergies
 from cosim.soft.solve import state
 from cosim.stepping.parts import Parts, film_report
+from cosim.telemetry.camera_image import CameraInfo
 from cosim.telemetry.energy import EnergyParts
-from cosim.telemetry.snapshot import CameraInfo, Decay, DrawnFilm, ObjectInfo, RunInfo
+from cosim.telemetry.run_info import Decay, DrawnFilm, ObjectInfo, RunInfo
 
 if TYPE_CHECKING:
     pass

@@ -35,7 +35,7 @@ from cosim.stepping.dynamic import DynamicSimulation
 from cosim.stepping.parts import Parts, brought_to_rest
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.several_arms import ArmsRun
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 
 if TYPE_CHECKING:
     from cosim.build.arm_parts import ArmParts

@@ -6,7 +6,7 @@ import signal
 from types import FrameType, TracebackType
 from typing import Any, final
 
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import run_info, tick_batch
 
 
 @final
@@ -44,7 +44,7 @@ class Interruption:
         """Return why the loop should stop, or None."""
         return None if self.signal_number is None else signal.Signals(self.signal_number).name
 
-    def open(self, stage: snapshot.RunInfo) -> None:
+    def open(self, stage: run_info.RunInfo) -> None:
         """Mark the beginning of the loop, after which there is something to save."""
         self._running = True
 

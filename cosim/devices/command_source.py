@@ -1,14 +1,12 @@
-"""Base classes of command sources, which return the command of every tick or increment of a run, and the
-robot's state that they see.
-"""
+"""Base classes of command sources, which return the command of every tick or increment of a run."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.base.frames import Array, Pose, Wrench
-from cosim.devices.controller import Command, Measurement
+from cosim.base.frames import Array, Pose
+from cosim.devices.controller import Command, Measurement, RobotState
 from cosim.devices.device_report import ActuationReport
 from cosim.plan.commands import RobotCommand, SoftCommand
 from cosim.plan.joint_path import JointReference
@@ -30,36 +28,6 @@ class StepToTake:
     done: int
     begin_s: float
     length_s: float
-
-
-@final
-@dataclass(frozen=True)
-class RobotState:
-    """State of the robot without the soft side, at the start of a step.
-
-    Args:
-        time_s: simulated time.
-        flange: world_from_flange.
-        flange_twist: (6,) [m/s, rad/s], linear then angular, of its origin, world axes.
-        joint_position: (joints,) [rad].
-        joint_velocity: (joints,) [rad/s].
-        joint_torque: (joints,) [N m], of the servos in the last tick.
-        wrench: of the soft robot on the flange, about its origin, world axes.
-        flange_jacobian: (6, joints), from joint speeds to the twist of the flange's origin, world axes.
-        contact_force: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by name.
-        body_pose: world from each rigid body, by name.
-    """
-
-    time_s: float
-    flange: Pose
-    flange_twist: Array
-    joint_position: Array
-    joint_velocity: Array
-    joint_torque: Array
-    wrench: Wrench
-    flange_jacobian: Array
-    contact_force: Mapping[str, Array]
-    body_pose: Mapping[str, Pose]
 
 
 @final

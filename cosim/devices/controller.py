@@ -13,9 +13,25 @@ from cosim.base.frames import Array, Pose, Shown, Wrench
 State = TypeVar("State")
 
 
+@dataclass(frozen=True, kw_only=True)
+class RobotState:
+    """State of the robot without the soft side, between two ticks; `Measurement` describes its fields."""
+
+    time_s: float
+    flange: Pose
+    flange_twist: Array
+    flange_wrench: Wrench
+    flange_jacobian: Array
+    joint_position: Array
+    joint_velocity: Array
+    joint_torque: Array
+    contact_force_N: Mapping[str, Array]
+    body_pose: Mapping[str, Pose]
+
+
 @final
-@dataclass(frozen=True)
-class Measurement(Shown):
+@dataclass(frozen=True, kw_only=True)
+class Measurement(Shown, RobotState):
     """What is measured of a run between two ticks, without noise: by controllers, by `Simulation.measure`.
 
     Args:
@@ -42,6 +58,7 @@ class Measurement(Shown):
         flange: world_from_flange.
         flange_twist: (6,) [m/s, rad/s], linear then angular, of the flange's origin, world axes.
         flange_wrench: of soft robot and palm on the flange, about the flange's origin, world axes.
+        flange_jacobian: (6, joints), from joint speeds to the twist of the flange's origin, world axes.
         contact_force_N: (3,) [N] of the soft robot on each rigid body in the last tick, world axes, by the
             body's name; the floor is part of "world".
         body_pose: world from each rigid body, by its name.
@@ -50,7 +67,6 @@ class Measurement(Shown):
         sensors: readings (n,) of the scenario's sensors, by name; see `Simulation.measure`.
     """
 
-    time_s: float
     setpoint: float | None
     tip_position: Array
     tip_direction: Array
@@ -62,14 +78,6 @@ class Measurement(Shown):
     cable_tension_N: Mapping[str, float]
     cable_length_m: Mapping[str, float]
     cable_unstretched_m: Mapping[str, float]
-    joint_position: Array
-    joint_velocity: Array
-    joint_torque: Array
-    flange: Pose
-    flange_twist: Array
-    flange_wrench: Wrench
-    contact_force_N: Mapping[str, Array]
-    body_pose: Mapping[str, Pose]
     limits: tuple[str, ...] = ()
     sensors: Mapping[str, Array] = field(default_factory=dict)
     tip_wanted: Array | None = None

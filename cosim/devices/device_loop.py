@@ -16,11 +16,10 @@ from cosim.devices import measurement, sensor
 from cosim.devices.build_controllers import build_holds
 from cosim.devices.cable_drive import CableDrive
 from cosim.devices.command_checks import over
-from cosim.devices.command_source import RobotState
-from cosim.devices.controller import AnyController, Measurement
+from cosim.devices.controller import AnyController, Measurement, RobotState
 from cosim.devices.device_report import ActuationReport, ControlReport, PumpReport
 from cosim.devices.drum import drums_of
-from cosim.devices.measurement import measured_cables
+from cosim.devices.measurement import CableFigures, measured_cables
 from cosim.devices.modelled_devices import device_names
 from cosim.devices.orders import LiveOrders, Order, orders_of
 from cosim.devices.pump import DelayLine, Pump, PumpDrive, PumpState
@@ -254,9 +253,7 @@ class Actuation:
         through = self.sensors.through(truth, self._looks_through[name])
         return replace(through, sensors=self.sensors.readings)
 
-    def measured_cables(
-        self, soft: SoftSide, tension_N: Sequence[float] | None = None
-    ) -> dict[str, dict[str, float]]:
+    def measured_cables(self, soft: SoftSide, tension_N: Sequence[float] | None = None) -> CableFigures:
         """Return the fields of a measurement with values by cable.
 
         Args:

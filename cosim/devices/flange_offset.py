@@ -6,7 +6,7 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array, length
-from cosim.devices.command_source import RobotState
+from cosim.devices.controller import RobotState
 from cosim.errors import InputError
 from cosim.plan.joint_path import JointReference
 

@@ -1,15 +1,14 @@
 """Measures a run: for controllers, and for `Simulation.measure`."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Final, final
+from typing import Final, TypedDict, final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, cross, length, rotations_from_quaternions
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices.cable_drive import CableDrive
-from cosim.devices.command_source import RobotState
-from cosim.devices.controller import Measurement
+from cosim.devices.controller import Measurement, RobotState
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.soft.elements.cable import stretch_at
 
@@ -48,11 +47,20 @@ class BodyPoses(Mapping[str, Pose]):
         return repr(dict(self))
 
 
+@final
+class CableFigures(TypedDict):
+    """The fields of a measurement with values by cable."""
+
+    cable_tension_N: dict[str, float]
+    cable_length_m: dict[str, float]
+    cable_unstretched_m: dict[str, float]
+
+
 def measured(
     soft: SoftSide,
     robot: RobotState,
     gas: ChamberGas,
-    cables: Mapping[str, Mapping[str, float]],
+    cables: CableFigures,
     *,
     setpoint: float | None = None,
     limits: tuple[str, ...] = (),
@@ -63,7 +71,7 @@ def measured(
         soft: soft side in its present state.
         robot: state of the rest of the robot at the same time.
         gas: in the chambers.
-        cables: fields of the measurement with values by cable, see `measured_cables`.
+        cables: see `measured_cables`.
         setpoint: see `Measurement`.
         limits: see `Measurement`.
     """
@@ -71,7 +79,7 @@ def measured(
     contents = [gas.content(k) for k in range(len(soft.pressures_Pa))]
     direction = body.tip_direction(state.positions)
     return Measurement(
-        time_s=robot.time_s,
+        **vars(robot),
         setpoint=setpoint,
         tip_position=body.tip_position(state.positions),
         tip_direction=direction,
@@ -80,24 +88,14 @@ def measured(
         pressure_Pa=tuple(soft.pressures_Pa),
         volume_m3=tuple(soft.volumes_m3),
         gas_kg=tuple(None if content is None else content.mass_kg for content in contents),
-        joint_position=robot.joint_position,
-        joint_velocity=robot.joint_velocity,
-        joint_torque=robot.joint_torque,
-        flange=robot.flange,
-        flange_twist=robot.flange_twist,
-        flange_wrench=robot.wrench,
-        contact_force_N=robot.contact_force,
-        body_pose=robot.body_pose,
         limits=limits,
-        sensors={},
-        tip_wanted=None,
         **cables,
     )
 
 
 def measured_cables(
     names: Sequence[str], drives: Sequence[CableDrive], positions: Array, tension_N: Sequence[float] | None
-) -> dict[str, dict[str, float]]:
+) -> CableFigures:
     """Return the fields of a measurement with values by cable.
 
     Args:
@@ -113,8 +111,10 @@ def measured_cables(
     else:
         rows = zip(drives, tension_N, lengths, strict=True)
         unstretched = [long - stretch_at(pull, drive.cable.stiffness_N_m) for drive, pull, long in rows]
-    columns = {"cable_tension_N": tension_N, "cable_length_m": lengths, "cable_unstretched_m": unstretched}
-    return {key: dict(zip(names, map(float, column), strict=True)) for key, column in columns.items()}
+    tension, length_m, free = (
+        dict(zip(names, map(float, values), strict=True)) for values in (tension_N, lengths, unstretched)
+    )
+    return CableFigures(cable_tension_N=tension, cable_length_m=length_m, cable_unstretched_m=free)
 
 
 def bending_angle(tip_direction: Array, flange: Pose) -> float:

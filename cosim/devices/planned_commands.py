@@ -7,7 +7,8 @@ from cosim.base.frames import Pose
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import command_source, sensor
-from cosim.devices.command_source import CommandsAhead, RobotState, StepToTake
+from cosim.devices.command_source import CommandsAhead, StepToTake
+from cosim.devices.controller import RobotState
 from cosim.devices.device_loop import Actuation
 from cosim.devices.device_report import ActuationReport
 from cosim.devices.flange_offset import FlangeOffset

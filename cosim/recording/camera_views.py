@@ -9,7 +9,8 @@ import rerun as rr
 
 from cosim.recording.entity_paths import TICKS, TIMELINE
 from cosim.telemetry import cameras
-from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.camera_image import CameraImage
+from cosim.telemetry.run_info import RunInfo
 
 _JPEG: Final = 90
 _DRAWN_AT_M: Final = 0.15

@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.base.frames import Array, rotation_from_quaternion
 from cosim.soft.geometry.surface import triangle_area
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 _UP: Final = np.array([0.0, 0.0, 1.0])

@@ -14,7 +14,7 @@ from cosim.recording import colours
 from cosim.recording.columns import column
 from cosim.recording.eyes import Eye
 from cosim.recording.lines import send_lines, style_lines
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 _WEIGHT_ARROW: Final = 0.33

@@ -15,7 +15,7 @@ from cosim.base.names import BETWEEN, LOST, MADE, PUT_IN, TERMS
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.recording import colours
 from cosim.recording.colours import GREEN, GREY, ORANGE, PINK, SKY, Colour, series_colours
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import run_info, tick_batch
 
 _SHOWN: Final[dict[str, tuple[str, float]]] = {
     "bending_angle_rad": ("Bending angle [deg]", math.degrees(1.0)),
@@ -61,7 +61,7 @@ class Plot:
     tab: str = ""
 
 
-def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
+def device_plots(stage: run_info.RunInfo) -> list[Plot]:
     """Return the plots of a scenario's devices."""
     names = stage.devices
     if names is None:
@@ -69,7 +69,7 @@ def device_plots(stage: snapshot.RunInfo) -> list[Plot]:
     return [*_control_plots(names), *_cable_plots(stage, names), *_pump_plots(names)]
 
 
-def sensor_plots(stage: snapshot.RunInfo) -> list[Plot]:
+def sensor_plots(stage: run_info.RunInfo) -> list[Plot]:
     """Return the plots of the sensors: readings and true values."""
     plots, begin = [], 0
     for sensor in stage.sensors:
@@ -135,7 +135,7 @@ def _setpoint(devices: ActuationReport, controllers: set[str]) -> float:
     return setpoints[0] if setpoints else math.nan
 
 
-def _cable_plots(stage: snapshot.RunInfo, names: DeviceNames) -> list[Plot]:
+def _cable_plots(stage: run_info.RunInfo, names: DeviceNames) -> list[Plot]:
     if not names.lengths:
         return []
     cables = stage.cable_names
@@ -173,7 +173,7 @@ def _pump_plots(names: DeviceNames) -> list[Plot]:
     ]
 
 
-def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
+def plots_of(stage: run_info.RunInfo, joints: int) -> tuple[Plot, ...]:
     """Return the plots of a run, in the order in which they are shown.
 
     Args:
@@ -196,14 +196,14 @@ def plots_of(stage: snapshot.RunInfo, joints: int) -> tuple[Plot, ...]:
     )
 
 
-def _viewed(tab: str, stage: snapshot.RunInfo, joints: int) -> list[Plot]:
+def _viewed(tab: str, stage: run_info.RunInfo, joints: int) -> list[Plot]:
     """Return the plots of the columns whose view is in a tab."""
     viewed = ((column, column.view) for column in columns_of(TickColumns).values() if column.view is not None)
     shown = sorted((pair for pair in viewed if pair[1].tab == tab), key=lambda pair: pair[1].place)
     return [_plot_of(column, view, stage, joints) for column, view in shown]
 
 
-def _plot_of(column: Column, view: View, stage: snapshot.RunInfo, joints: int) -> Plot:
+def _plot_of(column: Column, view: View, stage: run_info.RunInfo, joints: int) -> Plot:
     names = stage.names_along
     sizes = {axis: len(each) for axis, each in names.items()} | {
         "cables": len(stage.cables),
@@ -229,7 +229,7 @@ def _shown(name: str, view: View, batch: tick_batch.TickBatch) -> Array:
     return np.log10(np.maximum(values, SMALLEST_LOGARITHM)) if view.log else np.asarray(values)
 
 
-def _with_tick_length(plot: Plot, stage: snapshot.RunInfo) -> Plot:
+def _with_tick_length(plot: Plot, stage: run_info.RunInfo) -> Plot:
     """Return the cost of a tick in time with the tick's length as a second curve; others as they are."""
     if plot.entity != "tick_cost" or stage.mode != "dynamic":
         return plot

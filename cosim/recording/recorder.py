@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any, final
 
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import run_info, tick_batch
 
 
 @final
@@ -30,7 +30,7 @@ class Recorder(ABC):
     """Records a run: first its constants, then its ticks in order, then its outcome."""
 
     @abstractmethod
-    def open(self, stage: snapshot.RunInfo) -> None:
+    def open(self, stage: run_info.RunInfo) -> None:
         """Begin a recording.
 
         Args:
@@ -88,7 +88,7 @@ class Recorders(Recorder):
     def __init__(self, recorders: Sequence[Recorder]) -> None:
         self._recorders = recorders
 
-    def open(self, stage: snapshot.RunInfo) -> None:
+    def open(self, stage: run_info.RunInfo) -> None:
         """Open all."""
         for recorder in self._recorders:
             recorder.open(stage)

@@ -29,7 +29,7 @@ from cosim.recording.rigid_meshes import log_rigid_meshes
 from cosim.recording.scene import Scene
 from cosim.recording.stress_legend import log_stress_legend
 from cosim.telemetry import tick_batch
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 APPLICATION_ID: Final = "cosim"

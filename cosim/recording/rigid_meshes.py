@@ -9,7 +9,7 @@ import rerun as rr
 from cosim.base.frames import Array, IntArray, cross
 from cosim.base.solid import BodyShape
 from cosim.recording import colours
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 
 FLOOR_NAME: Final = "floor"
 _SHARP: Final = float(np.cos(np.radians(35.0)))

@@ -18,7 +18,7 @@ from cosim.recording.lines import crease_lines, send_lines, style_lines
 from cosim.recording.load_arrows import LoadArrows
 from cosim.recording.rigid_meshes import body_path
 from cosim.recording.tip_marks import TipMarks
-from cosim.telemetry.snapshot import DrawnFilm, RunInfo
+from cosim.telemetry.run_info import DrawnFilm, RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 Single: TypeAlias = NDArray[np.float32]

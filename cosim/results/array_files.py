@@ -31,7 +31,8 @@ from cosim.devices.device_report import DeviceNames, SensorNames
 from cosim.errors import InputError
 from cosim.plan.decision import Decision
 from cosim.results.result import COLUMNS, FRAME_COLUMNS, IMAGE_COLUMNS, CameraImages, frame_rows
-from cosim.telemetry.snapshot import CameraInfo, ObjectInfo, RunInfo
+from cosim.telemetry.camera_image import CameraInfo
+from cosim.telemetry.run_info import ObjectInfo, RunInfo
 
 if TYPE_CHECKING:
     import pyarrow as pa

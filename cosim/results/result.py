@@ -25,7 +25,7 @@ from cosim.devices.device_report import SensorNames
 from cosim.errors import InputError
 from cosim.telemetry.figures import branching_lines, overlap_lines
 from cosim.telemetry.phase_ends import PhaseEnds
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder, phase_cells, reason_of
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -162,18 +162,21 @@ def _row(kind: str, cells: Sequence[str]) -> str:
 class ImageColumns(Columns):
     """The columns of the pictures of one camera."""
 
-    tick = Column("pictures", "1", "after which it was taken.", kind=np.int64)
+    tick = Column("pictures", "1", "after which it was taken.", fill=np.int64(0))
     time_s = Column("pictures", "s", "simulated time.")
     rgb = Column(
-        "pictures, height, width, 3", "1", "colours from 0 to 255, from the upper left corner.", kind=np.uint8
+        "pictures, height, width, 3",
+        "1",
+        "colours from 0 to 255, from the upper left corner.",
+        fill=np.uint8(0),
     )
     depth_m = Column(
         "pictures, height, width", "m", "along the camera's line of sight; infinite where nothing is.",
-        kind=np.float32,
+        fill=np.float32(0.0),
     )  # fmt: skip
     segments = Column(
         "pictures, height, width", "1", "0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.",
-        kind=np.int16,
+        fill=np.int16(0),
     )  # fmt: skip
     position = Column("pictures, 3", "m", "of the camera, world.")
     rotation = Column(
@@ -204,7 +207,7 @@ class CameraImages(ImageColumns):
 class FrameColumns(Columns):
     """The columns of the frames at which the film's nodes are kept."""
 
-    frame_tick = Column("frames", "1", "tick at which the film's nodes were kept.", kind=np.int64)
+    frame_tick = Column("frames", "1", "tick at which the film's nodes were kept.", fill=np.int64(0))
     frame_time_s = Column("frames", "s", "when the film's nodes were kept.")
     node_position = Column("frames, nodes, 3", "m", "of the film, world.")
 

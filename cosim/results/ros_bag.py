@@ -17,7 +17,7 @@ from cosim.base.writing import writing
 from cosim.errors import InputError
 from cosim.results.episodes import png
 from cosim.results.result import COLUMNS, RunResult, frame_rows
-from cosim.telemetry.snapshot import CameraInfo
+from cosim.telemetry.camera_image import CameraInfo
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -34,6 +34,11 @@ _OF_TRIANGLES: Final[dict[str, Any]] = {
 """Of a `visualization_msgs/msg/Marker` that is a TRIANGLE_LIST, without pictures and text."""
 _FILM_COLOUR: Final = (0.85, 0.6, 0.3, 0.9)
 _METADATA: Final = "metadata.yaml"
+_TOPICS: Final = {"chamber_pressure_Pa": "pressure_Pa", "cable_tension_N": "tension_N"}
+"""Topics by column; each chamber or cable is published under its name."""
+_OPTICAL: Final = np.array([1.0, -1.0, -1.0])
+"""ROS has a camera's y axis down and its z axis along the line of sight."""
+_NO_BYTES: Final = np.zeros(0, np.uint8)
 
 Message = tuple[str, str, Any]
 """Topic, kind, and what is said."""
@@ -175,13 +180,11 @@ class _Messages:
 
     def _numbers(self, row: int) -> Iterator[Message]:
         run, kind = self._result, "std_msgs/msg/Float64"
-        for column in COLUMNS.values():
-            if column.topic:
-                values = getattr(run, column.name)[row]
-                names = column.components(run.stage.names_along, values.shape) or [""]
-                for name, value in zip(names, values.ravel().tolist(), strict=True):
-                    topic = f"/{column.topic}" + (f"/{_topic(name)}" if name else "")
-                    yield topic, kind, self._of(kind, data=value)
+        for column, topic in _TOPICS.items():
+            values = getattr(run, column)[row]
+            names = COLUMNS[column].components(run.stage.names_along, values.shape)
+            for name, value in zip(names, values.tolist(), strict=True):
+                yield f"/{topic}/{_topic(name)}", kind, self._of(kind, data=value)
 
     def _shape(self, row: int) -> Iterator[Message]:
         run, kind = self._result, "visualization_msgs/msg/Marker"
@@ -249,11 +252,6 @@ class _Messages:
             distortion_model="plumb_bob", d=np.zeros(5), k=k.ravel(), r=np.eye(3).ravel(),
             p=projection.ravel(), binning_x=0, binning_y=0, roi=whole,
         )  # fmt: skip
-
-
-_OPTICAL: Final = np.array([1.0, -1.0, -1.0])
-"""ROS has a camera's y axis down and its z axis along the line of sight."""
-_NO_BYTES: Final = np.zeros(0, np.uint8)
 
 
 def _topic(name: str) -> str:

@@ -17,7 +17,7 @@ from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOv
 from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

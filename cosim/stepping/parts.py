@@ -15,8 +15,8 @@ from cosim.base.kept_parts import KeptParts, name_of
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.coupling.ticks import rest_columns, sizes_of
-from cosim.devices.command_source import RobotState, SteeredCommands, StepToTake
-from cosim.devices.controller import Measurement
+from cosim.devices.command_source import SteeredCommands, StepToTake
+from cosim.devices.controller import Measurement, RobotState
 from cosim.devices.measurement import BodyPoses
 from cosim.plan import static_plan, tip_errors
 from cosim.plan.commands import RobotCommand, SoftCommand, loads_of
@@ -208,16 +208,16 @@ class Parts:
         carrier = self.carrier
         names, twist = carrier.body_names, carrier.flange_twist
         return RobotState(
-            time_s,
-            carrier.flange_pose,
-            np.concatenate([twist.linear, twist.angular]),
-            carrier.joint_position,
-            carrier.joint_velocity,
-            carrier.joint_torque,
-            carrier.flange_wrench,
-            carrier.flange_jacobian(),
-            dict(zip(names, read_only(carrier.touched.on_each(len(names))), strict=True)),
-            BodyPoses(names, *carrier.body_poses()),
+            time_s=time_s,
+            flange=carrier.flange_pose,
+            flange_twist=np.concatenate([twist.linear, twist.angular]),
+            flange_wrench=carrier.flange_wrench,
+            flange_jacobian=carrier.flange_jacobian(),
+            joint_position=carrier.joint_position,
+            joint_velocity=carrier.joint_velocity,
+            joint_torque=carrier.joint_torque,
+            contact_force_N=dict(zip(names, read_only(carrier.touched.on_each(len(names))), strict=True)),
+            body_pose=BodyPoses(names, *carrier.body_poses()),
         )
 
     def sensed(self, time_s: float, tension_N: Array) -> tuple[Array, Array]:
@@ -272,7 +272,7 @@ class Parts:
             values["self_contact_depth_m"] = films.depth_m
         sizes = sizes_of(len(carrier.joint_position), len(places), len(soft.pressures_Pa))
         columns, kinds = rest_columns(here, sizes), columns_of(TickColumns)
-        columns |= {name: np.array([value], kinds[name].kind) for name, value in values.items()}
+        columns |= {name: np.array([value], type(kinds[name].fill)) for name, value in values.items()}
         looks = bool(self.looks_at_links(given["tick"], 1))
         rare["link_contacts"] = carrier.link_contacts(among_links=looks)
         columns["tick_wall_s"] = np.array([time.perf_counter() - began])

@@ -26,7 +26,7 @@ from cosim.soft.solve.branching import Branching
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 _FULL_ROUNDS = 4

@@ -18,7 +18,8 @@ from cosim.plan.plan import Plan
 from cosim.stepping.carrier import Carrier
 from cosim.stepping.parts import Parts
 from cosim.telemetry import cameras, tick_batch
-from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.camera_image import CameraImage
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 _LOOKS: Final = 8

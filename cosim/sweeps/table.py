@@ -32,7 +32,7 @@ from cosim.errors import InputError
 from cosim.results.result import RunResult, figure_kind
 
 if TYPE_CHECKING:
-    from cosim.telemetry.snapshot import RunInfo
+    from cosim.telemetry.run_info import RunInfo
     from cosim.telemetry.tick_batch import TickBatch
 
 Measure = Callable[[RunResult], Mapping[str, float]]

@@ -37,7 +37,7 @@ from cosim.sweeps.candidates import Candidate
 from cosim.sweeps.engines import Engine
 from cosim.sweeps.sweeping import JOURNAL, Journal, StudyRun, Tell
 from cosim.sweeps.table import TABLE, Design, Row, write_table
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import reason_of
 from cosim.telemetry.tick_batch import TickBatch
 

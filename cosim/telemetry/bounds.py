@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from cosim.base.names import PUT_IN, TERMS
-from cosim.telemetry.snapshot import RunErrors
+from cosim.telemetry.run_errors import RunErrors
 
 BARS: Final = {
     "tip_m": ("tip", "mm", 1e3),

@@ -9,7 +9,8 @@ import numpy as np
 from cosim.base.frames import Array, rotation_from_quaternion
 from cosim.config.schema.sensors import CameraTable
 from cosim.errors import InputError
-from cosim.telemetry.snapshot import CameraImage, RunInfo
+from cosim.telemetry.camera_image import CameraImage
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 if TYPE_CHECKING:

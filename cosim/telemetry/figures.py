@@ -12,10 +12,10 @@ from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan import arm_limits, tip_errors
 from cosim.soft.solve.branching import IN_TIME, LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import run_info, tick_batch
 
 
-def elastic_figures(run: snapshot.RunInfo, positions: Array) -> dict[str, Any]:
+def elastic_figures(run: run_info.RunInfo, positions: Array) -> dict[str, Any]:
     """Return the figures of a phase that ends with the film's nodes at positions (n, 3) [m]."""
     figures: dict[str, Any] = {}
     if run.hinge_energy_share is not None:
@@ -27,7 +27,7 @@ def elastic_figures(run: snapshot.RunInfo, positions: Array) -> dict[str, Any]:
     return figures
 
 
-def stack_length_m(run: snapshot.RunInfo, length_m: float, positions: Array) -> float:
+def stack_length_m(run: run_info.RunInfo, length_m: float, positions: Array) -> float:
     """Return the length of a stack whose centre line is so long: in a pack, that of its frames.
 
     Args:
@@ -422,7 +422,7 @@ _OF_FOOTING: Final = (
 
 
 def footing_figures(
-    footing: Footing | None, branchings: list[dict[str, Any]], decay: snapshot.Decay | None = None
+    footing: Footing | None, branchings: list[dict[str, Any]], decay: run_info.Decay | None = None
 ) -> dict[str, Any]:
     """Return how firmly the soft robot stands at the end of a phase; nothing is known where it is None.
 
@@ -443,7 +443,7 @@ def footing_figures(
     }
 
 
-def _mode(frequency_Hz: float, decay: snapshot.Decay | None, own_per_s: float) -> dict[str, Any]:
+def _mode(frequency_Hz: float, decay: run_info.Decay | None, own_per_s: float) -> dict[str, Any]:
     declared, numerical = (None, None) if decay is None else decay(frequency_Hz, own_per_s)
     return {
         "frequency_Hz": frequency_Hz, "declared_decay_per_s": declared, "numerical_decay_per_s": numerical,

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask, rotation_from_quaternion
-from cosim.telemetry import snapshot, tick_batch
+from cosim.telemetry import run_info, tick_batch
 
 HELD_s: Final = 0.1
 """For which an object is on the soft robot alone before it is held, or off it before it no longer is."""
@@ -95,7 +95,7 @@ class ObjectFigures:
     largest: Annotated[Array, ("*", 2)] = field(default_factory=lambda: np.zeros((0, 2)))
 
     def after(
-        self, batch: "tick_batch.TickBatch", objects: "Sequence[snapshot.ObjectInfo]"
+        self, batch: "tick_batch.TickBatch", objects: "Sequence[run_info.ObjectInfo]"
     ) -> "ObjectFigures":
         """Return the figures with some ticks more."""
         bodies = [entry.body for entry in objects]
@@ -114,7 +114,7 @@ class ObjectFigures:
             np.maximum(largest, self.largest) if len(self.largest) else largest,
         )
 
-    def figures(self, objects: "Sequence[snapshot.ObjectInfo]") -> list[dict[str, Any]]:
+    def figures(self, objects: "Sequence[run_info.ObjectInfo]") -> list[dict[str, Any]]:
         """Return them for the summary."""
         return [
             {
@@ -135,7 +135,7 @@ class ObjectFigures:
         ]
 
     def not_lifted(
-        self, objects: "Sequence[snapshot.ObjectInfo]", phase: str, began_s: float, lifted_m: float
+        self, objects: "Sequence[run_info.ObjectInfo]", phase: str, began_s: float, lifted_m: float
     ) -> list[str]:
         """Return a warning where a phase has lifted the flange, and nothing of what was pressed is held.
 

@@ -17,7 +17,8 @@ from cosim.telemetry import bounds, figures, holding, tick_batch, touched
 from cosim.telemetry.energy_figures import EnergyFigures
 from cosim.telemetry.figures import branching_lines, overlap_lines, standing_lines, undecided_warnings
 from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
-from cosim.telemetry.snapshot import RunErrors, RunInfo
+from cosim.telemetry.run_errors import RunErrors
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 _ITSELF: Final = "contact with itself"

@@ -15,8 +15,8 @@ from cosim.base.columns import TickRow, TickTable
 from cosim.base.frames import IntArray, Pose, Wrench, read_only
 from cosim.coupling.film_figures import TickPieces
 from cosim.devices.device_report import ActuationReport
+from cosim.telemetry.camera_image import CameraImage
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import CameraImage
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact

@@ -14,7 +14,7 @@ import cosim
 from cosim.base.frames import Array
 from cosim.errors import InputError, OutputError, ScenarioError
 from cosim.rigid.scene import renderer
-from cosim.telemetry.snapshot import CameraImage
+from cosim.telemetry.camera_image import CameraImage
 from tests.devices import device_parts
 
 pytestmark = pytest.mark.skipif(

@@ -15,7 +15,7 @@ import cosim
 import cosim.gym
 from cosim import Batch, Command, Controller, Measurement, Simulation
 from cosim.app.driver import Observer
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 from tests.app.test_given_body import SCENARIO
 from tests.app.test_live_commands import ARM, SEALED, held, standing

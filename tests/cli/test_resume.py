@@ -21,7 +21,7 @@ from cosim.cli.main import main
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ConvergenceError
 from cosim.stepping.stepped_run import SteppedRun
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.cli.interrupted import Command, figures, interrupt_at
 from tests.cli.test_run import REFERENCE, TICKS, summary_of

@@ -23,7 +23,7 @@ from cosim.cli.running import TerminalLine
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.recording.recorder import Recorder
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 REFERENCE = "ur5e_hexagon_arm"

@@ -10,7 +10,8 @@ from typing import Literal, final
 from cosim.config.schema.phase import CommandTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.quantities import Positive
-from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
+from cosim.devices.command_source import ChangedCommands, CommandSource, StepToTake
+from cosim.devices.controller import RobotState
 from cosim.errors import InputError
 from cosim.plan.commands import RobotCommand
 

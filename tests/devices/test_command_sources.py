@@ -18,7 +18,8 @@ from cosim.config.json_schema import json_schema
 from cosim.config.loading import load_scenario, scenario_text
 from cosim.config.schema.phase import CommandTable
 from cosim.config.toml.tables import adapter_of
-from cosim.devices.command_source import ChangedCommands, CommandSource, RobotState, StepToTake
+from cosim.devices.command_source import ChangedCommands, CommandSource, StepToTake
+from cosim.devices.controller import RobotState
 from cosim.plan.commands import RobotCommand
 from tests.devices import device_parts, sine_commands
 from tests.devices.sine_commands import SineTable

@@ -21,9 +21,12 @@ PI = ProportionalIntegral(1.5, 6.0, PERIOD_s, -math.inf, math.inf)
 
 def seen(**changes: object) -> Measurement:
     at_rest = Measurement(
-        0.0, 0.5, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.zeros(6), 0.2, (0.0,), (1e-4,), (None,),
-        {"a": 3.0, "b": 0.0}, {"a": 0.21, "b": 0.31}, {"a": 0.2, "b": 0.3}, np.zeros(0), np.zeros(0),
-        np.zeros(0), Pose(), np.zeros(6), Wrench(), {}, {},
+        time_s=0.0, flange=Pose(), flange_twist=np.zeros(6), flange_wrench=Wrench(),
+        flange_jacobian=np.zeros((6, 0)), joint_position=np.zeros(0), joint_velocity=np.zeros(0),
+        joint_torque=np.zeros(0), contact_force_N={}, body_pose={}, setpoint=0.5, tip_position=np.zeros(3),
+        tip_direction=np.array([0.0, 0.0, 1.0]), tip_twist=np.zeros(6), bending_angle_rad=0.2,
+        pressure_Pa=(0.0,), volume_m3=(1e-4,), gas_kg=(None,), cable_tension_N={"a": 3.0, "b": 0.0},
+        cable_length_m={"a": 0.21, "b": 0.31}, cable_unstretched_m={"a": 0.2, "b": 0.3},
     )  # fmt: skip
     return replace(at_rest, **changes)  # type: ignore[arg-type]
 

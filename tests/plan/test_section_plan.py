@@ -13,7 +13,7 @@ from cosim.cli.running import PlanWarnings
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import ScenarioError
 from cosim.plan.decision import SECTION_RANGE, Decision
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 
 RUSH = {"name": "rush", "duration_s": 0.1, "flange_shift_m": [0.0, 0.25, 0.0]}
 PULL = {"name": "pull", "duration_s": 2.0, "cable_tension_N": [60.0, 0.0]}

@@ -16,7 +16,7 @@ from cosim.base.frames import Array, Pose, quaternion_from_rotation, rotation_fr
 from cosim.base.solid import BodyShape
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.ticks import made_tick, read_film
 

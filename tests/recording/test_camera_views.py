@@ -11,7 +11,8 @@ import pytest
 
 from cosim.devices.device_report import SensorNames
 from cosim.recording.plots import plots_of
-from cosim.telemetry.snapshot import CameraImage, CameraInfo, RunInfo
+from cosim.telemetry.camera_image import CameraImage, CameraInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 EYE = CameraInfo("eye", (6, 4), np.pi / 2.0, 10.0)

@@ -10,7 +10,7 @@ import pytest
 from cosim.config.loading import load_scenario
 from cosim.devices.device_report import ActuationReport, ControlReport, DeviceNames, PumpReport
 from cosim.recording.plots import ERROR_BARS, plots_of
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.conftest import made_up_snapshot, made_up_stage
 from tests.ticks import changed

@@ -13,7 +13,7 @@ from cosim.recording.film_colours import stress_scale
 from cosim.recording.lines import crease_lines
 from cosim.recording.rigid_meshes import corner_normals
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 MakeStage = Callable[..., RunInfo]

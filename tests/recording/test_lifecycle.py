@@ -19,7 +19,7 @@ from cosim.recording import rerun_recorder
 from cosim.recording.recorder import Recorders, RecordingPart
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 pytestmark = pytest.mark.usefixtures("strict")

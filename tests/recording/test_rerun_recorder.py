@@ -14,7 +14,7 @@ from rerun.chunk import RrdReader
 
 import cosim
 from cosim.recording.film_colours import STRESS_RANGE_PA
-from cosim.telemetry.snapshot import DrawnFilm, RunInfo
+from cosim.telemetry.run_info import DrawnFilm, RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 pytestmark = pytest.mark.usefixtures("strict")

@@ -23,7 +23,7 @@ from cosim.recording import pictures
 from cosim.recording.pictures import Pictures, write_video
 from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.recording.viewer import Viewer, check_display, start_viewer
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 
 MakeStage = Callable[..., RunInfo]

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from cosim.base.frames import Array
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 

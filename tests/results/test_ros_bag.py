@@ -19,7 +19,7 @@ from cosim.base.frames import rotations_from_quaternions
 from cosim.cli.main import main
 from cosim.results import ros_bag
 from cosim.results.result import CameraImages
-from cosim.telemetry.snapshot import CameraInfo
+from cosim.telemetry.camera_image import CameraInfo
 
 
 @pytest.fixture

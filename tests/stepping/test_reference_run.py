@@ -15,7 +15,7 @@ import pytest
 from cosim.build.simulation import build
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario
-from cosim.telemetry.snapshot import RunInfo
+from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 REFERENCE = "ur5e_hexagon_arm"

@@ -16,8 +16,8 @@ from cosim.config.schema.scenario import Scenario
 from cosim.coupling.soft_sides.soft_side import SoftSide
 from cosim.devices import command_source, device_report, planned_commands
 from cosim.devices.command_checks import over
-from cosim.devices.command_source import CommandsAhead, CommandSource, RobotState, StepToTake
-from cosim.devices.controller import Command, Measurement
+from cosim.devices.command_source import CommandsAhead, CommandSource, StepToTake
+from cosim.devices.controller import Command, Measurement, RobotState
 from cosim.devices.live import gas_orders, live_bounds, live_values
 from cosim.devices.live.joint_motion import Departure, JointMotion
 from cosim.devices.measurement import measured
