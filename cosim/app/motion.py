@@ -18,6 +18,7 @@ import numpy as np
 from cosim.app import ended_run
 from cosim.app.payload import interpolated_rows, payload_rows
 from cosim.app.preparation import build_simulation, log, prepared
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -193,7 +194,6 @@ _FEWEST: Final = 4
 
 
 def _sampled(result: RunResult, ticks: IntArray, name: str, rate_Hz: float) -> JointTable:
-    from scipy.interpolate import CubicSpline
 
     stage, time_s = result.stage, result.time_s[ticks] - result.time_s[ticks[0]]
     tension, drums = result.cable_tension_N[ticks], result.cable_unstretched_m[ticks]

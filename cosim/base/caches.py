@@ -124,6 +124,7 @@ def _undamaged(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
 
     A damaged file is deleted with a warning.
     """
+    reason: str | None = None
     try:
         mark, _, data = path.read_bytes().partition(b"\n")
         with suppress(OSError):
@@ -137,7 +138,6 @@ def _undamaged(path: Path, read: Callable[[bytes], Kind]) -> Kind | None:
         if mark == _MARK + sha256(data).hexdigest().encode():
             with suppress(Exception):  # another version of cosim may have written other classes
                 return read(data)
-            reason = None
         else:
             reason = "is damaged"
     if reason is not None:

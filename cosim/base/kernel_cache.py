@@ -6,7 +6,6 @@ folders is in `cosim.base.caches`.
 """
 
 import os
-import re
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
@@ -20,10 +19,10 @@ import numba
 import numpy as np
 
 from cosim.base import caches
-from cosim.base.numba_insides import KNOWN, from_bytes, to_bytes
+from cosim.base.numba_insides import KNOWN, from_bytes, prepare_to_load, to_bytes
 
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
-_HAS_KERNELS: Final = re.compile(rb"^(?:from|import) numba|cosim\.base\.kernel", re.MULTILINE)
+_MARKS: Final = (b"cosim.base.kernel", b"\nfrom numba", b"\nimport numba")  # of a file with kernels
 processor: Any = llvm.get_host_cpu_name
 _NO_MATTER: Final = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS")
 
@@ -55,7 +54,7 @@ class KernelCache:
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the compiled code of a signature; None if the cache has none."""
-        context.refresh()
+        prepare_to_load(context)
         return caches.load(caches.KERNELS, self.name(signature), lambda data: from_bytes(data, context))
 
     def save_overload(self, signature: Any, compiled: Any) -> None:
@@ -91,7 +90,7 @@ def _of_package() -> str:
     chosen = [entry for entry in settings if entry[0] not in _NO_MATTER]
     versions = numba.__version__, np.__version__, sys.version_info[:2]
     texts = (path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py")))
-    return _hash_of(f"{versions} {KNOWN} {processor()} {chosen}", filter(_HAS_KERNELS.search, texts))
+    return _hash_of(f"{versions} {KNOWN} {processor()} {chosen}", filter(has_kernels, texts))
 
 
 @cache
@@ -99,6 +98,11 @@ def _of_others(top: Path) -> str:
     """Return a hash of the files of another package, or of a folder of scripts, and of `_of_package`."""
     sources = top.rglob("*.py") if (top / "__init__.py").is_file() else top.glob("*.py")
     return _hash_of(_of_package(), (path.read_bytes() for path in sorted(sources)))
+
+
+def has_kernels(text: bytes) -> bool:
+    """Return whether a source file of the package defines kernels, or sets how they are compiled."""
+    return any(mark in text for mark in _MARKS)
 
 
 def _hash_of(begin: str, texts: Iterable[bytes]) -> str:

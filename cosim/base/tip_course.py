@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Final, final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array
 from cosim.errors import InputError
 

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import final
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from cosim.base.components import components
 from cosim.base.files import read_file
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import MeshError
@@ -56,9 +55,8 @@ class TriangleMesh:
         Raises:
             MeshError: there are more than `MOST_SHELLS`.
         """
-        n, (rows, columns) = len(self.vertices), (self.triangles[:, :2].T)
-        pairs = np.concatenate([rows, rows]), np.concatenate([columns, self.triangles[:, 2]])
-        _, piece = connected_components(coo_array((np.ones(len(pairs[0])), pairs), shape=(n, n)))
+        edges = np.concatenate([self.triangles[:, (0, 1)], self.triangles[:, (0, 2)]])
+        piece = components(len(self.vertices), edges)
         meant = np.unique(piece[self.triangles[:, 0]])
         if len(meant) > MOST_SHELLS:
             raise MeshError(

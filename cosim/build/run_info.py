@@ -8,9 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
+from cosim.base.components import components
 from cosim.base.frames import Array
 from cosim.build.expected_error import (
     expected_error,
@@ -112,11 +111,8 @@ def _objects(parts: Parts) -> tuple[ObjectInfo, ...]:
 
 def _films(body: SoftBody) -> int:
     """Return the number of connected films of a body."""
-    first, second = body.triangles[:, (0, 1)].T, body.triangles[:, (1, 2)].T
-    edges = np.hstack([first, second])
-    count, nodes = len(body.node_mass), np.unique(edges)
-    graph = csr_array((np.ones(edges.shape[1], dtype=bool), tuple(edges)), shape=(count, count))
-    return len(np.unique(connected_components(graph, directed=False)[1][nodes]))
+    edges = np.concatenate([body.triangles[:, (0, 1)], body.triangles[:, (1, 2)]])
+    return len(np.unique(components(len(body.node_mass), edges)[np.unique(edges)]))
 
 
 def _frames_length(body: SoftBody) -> Callable[[Array], float] | None:

@@ -2,24 +2,27 @@
 run it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import final
+from typing import TYPE_CHECKING, final
 
 from cosim.base import kept_parts
 from cosim.build import options
-from cosim.build.section_models import largest_covered, section_model
 from cosim.config.schema.body_sources import BodySourceTable, MeshTable
 from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.coupling.soft_sides import frozen_body, lumped_arm, section_arm, soft_side
+from cosim.coupling.soft_sides import frozen_body, lumped_arm, soft_side
 from cosim.plan.flange_motion import pose_of
-from cosim.reduced.section_model import SectionBody
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.parts import film_law
+
+if TYPE_CHECKING:
+    from cosim.coupling.soft_sides import section_arm
 
 _SHORT, _SHORT_SEARCH = 40, 600  # iterations of a solution that starts from a nearby shape
 
@@ -60,6 +63,9 @@ class SoftModel:
         )
         self.section, largest = None, 0.0
         if scenario.fidelity == "section":
+            # imported here because few runs need it
+            from cosim.build.section_models import largest_covered, section_model
+
             largest = largest_covered(scenario)
             self.section = kept.made(
                 "section model", kept_parts.name_of(self.body_name, largest, self._films),
@@ -81,6 +87,9 @@ class SoftModel:
 
     def chain(self) -> section_arm.SectionArm:
         """Return the section model as a soft side; only with fidelity = "section"."""
+        from cosim.coupling.soft_sides import section_arm  # here, as above
+        from cosim.reduced.section_model import SectionBody
+
         assert self.section is not None, "needs fidelity = 'section'"
         section = SectionBody(self.body, self.section)
         return section_arm.SectionArm(section, self._flange, self._statics, self._dynamics)

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from cosim.base import resources
+from cosim.cli.late_collection import LateCollection
 from cosim.cli.screen import printable
 from cosim.config import arm_files, loading, menagerie, studies, upgrading
 from cosim.config.schema.scenario import Scenario
@@ -23,8 +24,12 @@ def check_command(files: Sequence[str]) -> bool:
     Args:
         files: paths, or names of scenarios that come with cosim.
     """
-    fine = [_checked(name, "fine") for name in files]
-    return all(fine)
+    fine = True
+    with LateCollection() as collection:
+        for name in files:
+            fine = _checked(name, "fine") and fine
+            collection.begin()
+    return fine
 
 
 def upgrade_command(files: Sequence[str]) -> bool:

@@ -35,8 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     # Rerun would print errors that cosim prints itself, such as of a full disk
     os.environ.setdefault("RUST_LOG", "off")
+    # pydantic would read the entry points of all installed packages
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     open_missing_streams()
     options = parser().parse_args(arguments)
+    if not vars(options).get("modules"):  # a user's module may open windows
+        # MuJoCo would load a library for windows, which starts another Python
+        os.environ.setdefault("MUJOCO_GL", "off")
     try:
         return _flushed(_command(options, started))
     except InputError as error:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from cosim.base.frames import Array, Pose, vector_from_rotation
 from cosim.errors import UnreachableError
@@ -188,6 +187,8 @@ def _descend(
 
 
 def _step(deviation: Array, derivative: Array, damping: float) -> Array:
+    from scipy.linalg.lapack import dposv  # imported here because it takes long to load
+
     # The small form: rows of a pose, whatever the number of joints.
     normal = derivative @ derivative.T
     normal.flat[:: len(deviation) + 1] += damping + 1e-12

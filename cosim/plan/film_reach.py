@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, final
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from cosim.base.frames import Array
 from cosim.plan.plan import Plan
@@ -83,13 +81,15 @@ def film_reach(body: SoftBody, pressure_Pa: float) -> float:
         body: in the flange frame.
         pressure_Pa: largest gauge pressure.
     """
+    from scipy.sparse import csgraph, csr_matrix  # imported here because it takes long to load
+
     # plates connect one film to the next
     plates = [nodes for plate in body.plates for nodes in plate.rings]
     spokes = [np.column_stack([np.full(len(nodes) - 1, nodes[0]), nodes[1:]]) for nodes in plates]
     x, edges = body.positions, np.concatenate([directed_edges(body.triangles), *spokes])
     length = np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)
     graph = csr_matrix((length, (edges[:, 0], edges[:, 1])), shape=(len(x),) * 2)
-    way = dijkstra(graph, directed=False, indices=body.base, min_only=True)
+    way = csgraph.dijkstra(graph, directed=False, indices=body.base, min_only=True)
     least = min(entry.film.least_modulus_Pa * entry.film.thickness_m for entry in body.membranes)
     width = float(np.ptp(x, axis=0).max())
     strain = _STRAIN + _PRESSURE_FACTOR * pressure_Pa * width / least

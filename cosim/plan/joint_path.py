@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray, Mask
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from contextlib import contextmanager, suppress
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, Mask, Pose, rotation_from_vector
 from cosim.config.schema.phase import JOINT_KEYS, PhaseTable, StartTable
 from cosim.config.toml.keys import unknown_name_message
@@ -240,4 +240,4 @@ def _spline(arm: Arm, way: FlangeMotion, knots: Array, free: Mask) -> CubicSplin
         missing = way.rate_at_ends - jacobian @ slope
         slope[free] += np.linalg.lstsq(rows @ jacobian[:, free], rows @ missing, rcond=_SINGULAR)[0]
         slopes.append(slope)
-    return CubicSpline(fractions, knots, bc_type=((1, slopes[0]), (1, slopes[1])))
+    return CubicSpline(fractions, knots, (slopes[0], slopes[1]))

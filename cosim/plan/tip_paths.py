@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Final, final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.base.tip_course import CourseInstant, TipCourse
 from cosim.config.schema.phase import TipPathTable
@@ -56,7 +56,7 @@ class PoseTrack:
             if rows[k, 3:] @ rows[k - 1, 3:] < 0.0:
                 rows[k, 3:] *= -1.0
         self._end_s = float(time_s[-1])
-        self._spline = CubicSpline(time_s, rows, bc_type="clamped")
+        self._spline = CubicSpline(time_s, rows, (0.0, 0.0))
         self.begin, self.end, self.course = poses[0], poses[-1], course
 
     def at(self, fraction: float) -> Pose:

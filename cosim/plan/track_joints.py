@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
@@ -56,7 +56,7 @@ def track_joints(
                 "move the path, or let the flange start elsewhere or with another roll_rad",
                 error.closest,
             ) from error
-    spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), bc_type="clamped")
+    spline = CubicSpline(np.linspace(0.0, 1.0, count + 1), np.array(knots), (0.0, 0.0))
     _check_pace(arm_limits.ArmLimits.of(arm), track, spline, key)
     return JointPath(q, spline)
 

@@ -20,9 +20,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from cosim.base import resources, whole_files, writing
+from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray
 from cosim.base.solid import BodyShape
 from cosim.errors import InputError
@@ -332,7 +332,7 @@ class JointTable:
 
         Differences would miss a sixth of the jerk times the square of a step, which servos see.
         """
-        speeds = np.asarray(CubicSpline(self.time_s, self.joints, bc_type="clamped")(self.time_s, 1))
+        speeds = np.asarray(CubicSpline(self.time_s, self.joints, (0.0, 0.0))(self.time_s, 1))
         speeds[[0, -1]] = 0.0  # not rounded ones
         return speeds
 

@@ -222,4 +222,4 @@ def names_in(code: CodeType) -> set[str]:
 
 def has_kernels(module: ModuleType) -> bool:
     """Return whether a module is part of the hash."""
-    return bool(kernel_cache._HAS_KERNELS.search(Path(str(module.__file__)).read_bytes()))
+    return kernel_cache.has_kernels(Path(str(module.__file__)).read_bytes())

@@ -26,7 +26,6 @@ from functools import cached_property
 from typing import Any, Final, TypeAlias, final
 
 import numpy as np
-from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
 from cosim.coupling.soft_sides.shape_reader import ShapeReader
@@ -150,6 +149,8 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
         mobility: W (6, 6), symmetric, flange velocity change per impulse.
         algorithmic_mass: M_a (6, 6), symmetric.
     """
+    from scipy.linalg import lapack  # imported here because it takes long to load
+
     values, _, failure = lapack.dsygv(mobility, algorithmic_mass, itype=2, jobz="N")
     if failure == 0:
         return float(values[-1])

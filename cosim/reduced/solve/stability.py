@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Final, TypeVar, final
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy
 
 from cosim.base.frames import Array, Mask
 from cosim.reduced.sections.chain_arrays import InertiaTerm
@@ -163,7 +163,7 @@ class RestingChain:
         mass = self.mass[np.ix_(self._free, self._free)]
         pushed = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
         most = min(branching.MODES, len(mass)) - 1
-        values = eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
+        values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
         modes = natural_frequencies(values.tolist())
         return branching.Footing(
             modes[0], tip_motion(np.arange(len(tip)), answers),
@@ -174,7 +174,7 @@ class RestingChain:
     def _lowest(self) -> tuple[Softest, Array]:
         """The lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
         mass = self.mass[np.ix_(self._free, self._free)]
-        value, vector = eigh(self._matrix, mass, subset_by_index=(0, 0))
+        value, vector = scipy.linalg.eigh(self._matrix, mass, subset_by_index=(0, 0))
         section, whole = self.solver.section, np.zeros(len(self._free))
         whole[self._free] = vector[:, 0]
         motion = self.motion @ whole

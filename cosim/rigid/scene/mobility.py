@@ -4,7 +4,6 @@ constraints.
 
 import mujoco
 import numpy as np
-from scipy.linalg import lapack
 
 from cosim.base.frames import Array, IntArray
 
@@ -30,6 +29,8 @@ def mobility(model: mujoco.MjModel, data: mujoco.MjData, jacobian: Array, added:
         jacobian: J (k, nv).
         added: D (nv, nv) [kg m^2 or kg], such as damping over a step.
     """
+    from scipy.linalg import lapack  # imported here because it takes long to load
+
     if not model.nv:
         return np.zeros((len(jacobian), len(jacobian)))
     inertia = np.empty((model.nv, model.nv))

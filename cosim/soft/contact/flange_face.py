@@ -10,9 +10,8 @@ face as well, at half of their distance.
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from cosim.base.components import components
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import kernel, small_vector
@@ -63,8 +62,7 @@ def _rings(body: SoftBody) -> list[IntArray]:
     """Return the nodes of the base, in groups that edges of the film join."""
     edges = directed_edges(body.triangles)
     edges = edges[np.isin(edges, body.base).all(axis=1)]
-    graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(body.nodes, body.nodes))
-    part = connected_components(graph, directed=False)[1][body.base]
+    part = components(body.nodes, edges)[body.base]
     return [body.base[part == k] for k in np.unique(part)]
 
 

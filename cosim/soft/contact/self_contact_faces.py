@@ -15,9 +15,8 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, shortest_path
 
+from cosim.base.components import components
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.geometry import surface
@@ -64,8 +63,8 @@ class FilmFaces:
         sides = surface.triangles_beside(triangles, hinges)
         seam, valley = angle < _SEAM_RAD, angle > 2.0 * np.pi - _SEAM_RAD
         welded = _welded_flat(triangles)
-        unit = _components(len(triangles), np.concatenate([sides[~valley], welded]))
-        face = _components(len(triangles), np.concatenate([sides[~valley & ~seam], welded]))
+        unit = components(len(triangles), np.concatenate([sides[~valley], welded]))
+        face = components(len(triangles), np.concatenate([sides[~valley & ~seam], welded]))
         unit_of_face = np.zeros(int(face.max()) + 1, np.int64)
         unit_of_face[face] = unit
         return cls(triangles, face, unit, unit_of_face, _relations(unit_of_face, face[sides[valley]]))
@@ -142,13 +141,10 @@ def _welded_flat(triangles: IntArray) -> IntArray:
     return np.stack([rows[:-1][same], rows[1:][same]], axis=1) // 3
 
 
-def _components(count: int, pairs: IntArray) -> IntArray:
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
-
-
 def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
     """Return how faces can meet, from the unit of each and the two faces (v, 2) at each valley."""
+    from scipy.sparse.csgraph import shortest_path  # imported here because it takes long to load
+
     neighbours = np.eye(int(unit.max()) + 1, dtype=bool)
     neighbours[unit[valleys[:, 0]], unit[valleys[:, 1]]] = True
     neighbours |= neighbours.T

@@ -17,7 +17,6 @@ from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.geometry.named_mesh import NamedMesh
@@ -90,6 +89,8 @@ class OpenCapSolver(LinearSolver):
         if low_rank is None:
             return held, vectors, stiffness
         dense = low_rank.vectors.reshape(len(low_rank.vectors), -1)
+        from scipy.linalg import block_diag  # imported here because it takes long to load
+
         middle = block_diag(stiffness, np.diag(low_rank.coefficients))
         return held, np.concatenate([vectors, dense]), middle
 

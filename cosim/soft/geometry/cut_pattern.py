@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.frames import Array, IntArray, Mask, in_mm
@@ -524,7 +524,7 @@ def _tip_end(film: FlatFilm, placing: Placing, flat: Array) -> IntArray:
     sides = flat[film.mesh.triangles] - flat[np.roll(film.mesh.triangles, 1, axis=1)]
     row = _MORE_THAN_AN_EDGE * float(np.median(np.linalg.norm(sides, axis=2)))
     within = max(_TIP_SHARE * float(np.linalg.norm(tip.mean(axis=0) - base.mean(axis=0))), row)
-    ends = np.flatnonzero(cKDTree(tip).query(flat)[0] <= within)
+    ends = np.flatnonzero(scipy.spatial.cKDTree(tip).query(flat)[0] <= within)
     has_length = np.ptp(flat[ends, 1]) >= _LEAST_EXTENT * within
     return ends if has_length else np.zeros(0, np.int64)
 
@@ -562,7 +562,7 @@ def _rise(film: FlatFilm) -> Array:
     if not film.joined.any():
         return np.zeros(len(film.shared))
     x = film.mesh.positions
-    seam, hole = (cKDTree(x[nodes]).query(x)[0] for nodes in (film.shared, film.joined))
+    seam, hole = (scipy.spatial.cKDTree(x[nodes]).query(x)[0] for nodes in (film.shared, film.joined))
     return np.asarray(seam / (seam + hole))
 
 

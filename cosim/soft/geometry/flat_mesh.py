@@ -15,7 +15,7 @@ from enum import IntFlag
 from typing import Any, Final, final
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from cosim.base.drawing import SAME_PLACE_M, DrawnLine
 from cosim.base.frames import Array, IntArray, Mask, in_mm
@@ -35,7 +35,7 @@ def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
     ends = np.concatenate([last - counts + 1, last])[np.tile(is_open, 2)].astype(np.int64)
     movable = np.zeros(len(points), dtype=bool)
     movable[ends] = True
-    near = cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
+    near = scipy.spatial.cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
     for end, around in sorted(zip(ends.tolist(), near, strict=True)):
         there = sorted(around, key=lambda other: (movable[other], other))
         points[end] = points[there[0]]
@@ -427,7 +427,7 @@ def _away(points: Array, others: Array, distance_m: float) -> Mask:
     """Return which points (k,) are further than a distance from all others."""
     if not len(others) or not len(points):
         return np.ones(len(points), dtype=bool)
-    return np.asarray(cKDTree(others).query(points)[0] > distance_m)
+    return np.asarray(scipy.spatial.cKDTree(others).query(points)[0] > distance_m)
 
 
 def _lattice(sheet: Any, fixed: Array, segments: Array, edge_m: float) -> Array:

@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from cosim.base.components import components
 from cosim.base.frames import Array, IntArray, in_mm
 from cosim.base.kernels import device_function
 from cosim.errors import MeshError
@@ -318,8 +317,7 @@ def nodes_of_several_fans(triangles: IntArray) -> IntArray:
     _, along, to = np.intersect1d(
         node * n + after, node * n + before, return_indices=True
     )  # the next around the node
-    graph = coo_matrix((np.ones(len(to)), (along, to)), shape=(len(node), len(node)))
-    fan = connected_components(graph, directed=False)[1]
+    fan = components(len(node), np.column_stack([along, to]))
     return np.flatnonzero(np.bincount(np.unique(np.stack([node, fan], axis=1), axis=0)[:, 0]) > 1)
 
 

@@ -13,15 +13,16 @@ L^-1 is kept instead of L: fronts are narrow, and products with it are what proc
 Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Final, NamedTuple, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_checks import KnownStates, check_state
@@ -61,8 +62,10 @@ def _best_order(pattern: BlockPattern, movable: Mask, like: IntArray | None) -> 
     rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
     as_numbered = np.arange(len(nodes))
     if like is None:
-        graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
-        levels = np.asarray(reverse_cuthill_mckee((graph + graph.T).tocsr(), True), dtype=np.int64)
+        graph = scipy.sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
+        levels = np.asarray(
+            scipy.sparse.csgraph.reverse_cuthill_mckee((graph + graph.T).tocsr(), True), dtype=np.int64
+        )
         orders = [as_numbered, as_numbered[::-1], levels, levels[::-1]]
     else:
         orders = [local[like], local[like][::-1]]
@@ -98,7 +101,7 @@ class _Part:
     bandwidth: int
 
     @classmethod
-    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> "_Part":
+    def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> _Part:
         """Return that of a range of nodes.
 
         Args:
@@ -134,7 +137,7 @@ class PartFactor(NamedTuple):
     dofs: IntArray
     nodes: slice
 
-    def rounded(self) -> "PartFactor":
+    def rounded(self) -> PartFactor:
         """Return the same in single precision."""
         start, first, *numbers = self.factor
         store, inverse = (part.astype(np.float32) for part in numbers)
@@ -151,7 +154,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         like: of the same components with fewer ties, whose order is taken over.
     """
 
-    def __init__(self, pattern: BlockPattern, free: Mask, like: "EnvelopeCholesky | None" = None) -> None:
+    def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
         super().__init__(pattern, free)
         apart, order = ranges_apart(pattern), None if like is None else like.order
         parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]
@@ -302,13 +305,13 @@ def cholesky(
     return DissectedCholesky(pattern, free, far, None if like is None else like.groups)
 
 
-def _graph(solver: linear_solver.LinearSolver) -> csr_matrix:
+def _graph(solver: linear_solver.LinearSolver) -> scipy.sparse.csr_matrix:
     """Return which free nodes a solver's pattern ties to one another."""
     pattern, movable = solver.pattern, np.asarray(solver.free.any(axis=1))
     local = np.cumsum(movable) - 1
     kept = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)
     rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
-    half = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(solver.free_nodes),) * 2)
+    half = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(solver.free_nodes),) * 2)
     return (half + half.T).tocsr()
 
 

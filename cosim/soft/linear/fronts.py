@@ -16,22 +16,26 @@ Ford and Fulkerson, Flows in Networks, 1962, chapter I.11 (Menger's theorem).
 A front's own columns, p of them, are assembled in `work`. Its factor is kept as L_pp^-1 and W, row by row.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, final
+from typing import Any, NamedTuple, TypeAlias, final
 
 import numpy as np
-from scipy.sparse import csgraph, csr_matrix
+import scipy
 
 from cosim.base.frames import IntArray, Mask
 from cosim.base.kernel_types import Places, PlaceTable, Vector
 from cosim.base.kernels import allocating, device_function, kernel
 
+Graph: TypeAlias = "scipy.sparse.csr_matrix"
+
 _LEAF_NODES = 40  # parts no larger are not cut
 _END = 0.2  # share of the nodes, at either end, that a cut leaves alone
 
 
-def dissect(graph: csr_matrix, tied: IntArray, most: int) -> list[IntArray]:
+def dissect(graph: Graph, tied: IntArray, most: int) -> list[IntArray]:
     """Return groups of nodes in the order of their elimination, each eliminated in one go.
 
     Args:
@@ -46,20 +50,20 @@ def dissect(graph: csr_matrix, tied: IntArray, most: int) -> list[IntArray]:
     ]
 
 
-def _pieces(graph: csr_matrix, group: IntArray, most: int) -> list[IntArray]:
+def _pieces(graph: Graph, group: IntArray, most: int) -> list[IntArray]:
     """Return a group in pieces of at most so many nodes, neighbours together."""
     if len(group) <= most:
         return [group] if len(group) else []
-    order = csgraph.reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
     return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // most))]
 
 
-def _parts(graph: csr_matrix, nodes: IntArray, far: Mask) -> list[IntArray]:
+def _parts(graph: Graph, nodes: IntArray, far: Mask) -> list[IntArray]:
     """Return the groups of some nodes in the order of their elimination."""
     if len(nodes) <= _LEAF_NODES:
         return [nodes]
     inner = graph[nodes][:, nodes].tocsr()
-    count, label = csgraph.connected_components(inner, directed=False)
+    count, label = scipy.sparse.csgraph.connected_components(inner, directed=False)
     if count > 1:
         return [group for k in range(count) for group in _parts(graph, nodes[label == k], far)]
     cut = _best_cut(inner, far[nodes])
@@ -68,7 +72,7 @@ def _parts(graph: csr_matrix, nodes: IntArray, far: Mask) -> list[IntArray]:
     return [*_parts(graph, nodes[~cut], far), nodes[cut]]
 
 
-def _best_cut(graph: csr_matrix, far: Mask) -> Mask | None:
+def _best_cut(graph: Graph, far: Mask) -> Mask | None:
     """Return which nodes part a connected graph best; None where there is nothing to part."""
     row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
     order = _order(graph, row, far)
@@ -94,34 +98,37 @@ def _best_cut(graph: csr_matrix, far: Mask) -> Mask | None:
     return best
 
 
-def _without(graph: csr_matrix, row: IntArray, gone: Mask) -> csr_matrix:
+def _without(graph: Graph, row: IntArray, gone: Mask) -> Graph:
     """Return the graph without the ties of some nodes."""
     kept = ~(gone[row] | gone[graph.indices])
-    return csr_matrix((np.ones(int(kept.sum())), (row[kept], graph.indices[kept])), shape=graph.shape)
+    ties = np.ones(int(kept.sum())), (row[kept], graph.indices[kept])
+    return scipy.sparse.csr_matrix(ties, shape=graph.shape)
 
 
-def _side(graph: csr_matrix, row: IntArray, cut: Mask, first: Mask) -> int:
+def _side(graph: Graph, row: IntArray, cut: Mask, first: Mask) -> int:
     """Return how many nodes a cut leaves together with those of `first`."""
-    _, label = csgraph.connected_components(_without(graph, row, cut), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(_without(graph, row, cut), directed=False)
     return int((np.isin(label, label[first]) & ~cut).sum())
 
 
-def _order(graph: csr_matrix, row: IntArray, far: Mask) -> IntArray:
+def _order(graph: Graph, row: IntArray, far: Mask) -> IntArray:
     """Return all nodes, those first that are near to one that is far from all others."""
     short = ~(far[row] & far[graph.indices])
-    plain = csr_matrix((np.ones(int(short.sum())), (row[short], graph.indices[short])), shape=graph.shape)
+    ties = np.ones(int(short.sum())), (row[short], graph.indices[short])
+    plain = scipy.sparse.csr_matrix(ties, shape=graph.shape)
     order: IntArray = np.zeros(1, dtype=np.int64)
+    search = scipy.sparse.csgraph.breadth_first_order
     for walked in (plain, graph):
         end = 0
         for _ in range(3):
-            order = csgraph.breadth_first_order(walked, end, directed=False, return_predecessors=False)
+            order = search(walked, end, directed=False, return_predecessors=False)
             end = int(order[-1])
         if len(order) == graph.shape[0]:
             break
     return order
 
 
-def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntArray]:
+def least_cuts(graph: Graph, near: Mask, far: Mask) -> tuple[IntArray, IntArray]:
     """Return the least cut next to `near` and the one next to `far`; both have the same size.
 
     Args:
@@ -144,8 +151,8 @@ def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntA
     capacity = np.full(sum(len(part) for part in tail), count + 1, dtype=np.int32)
     capacity[:count] = 1
     shape = (2 * count + 2,) * 2
-    arcs = csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
-    spare = arcs - csgraph.maximum_flow(arcs, source, sink).flow
+    arcs = scipy.sparse.csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
+    spare = arcs - scipy.sparse.csgraph.maximum_flow(arcs, source, sink).flow
     spare.data[spare.data < 0] = 0
     spare.eliminate_zeros()
     reached, reaching = _reached(spare, source), _reached(spare.T.tocsr(), sink)
@@ -154,10 +161,10 @@ def least_cuts(graph: csr_matrix, near: Mask, far: Mask) -> tuple[IntArray, IntA
     return between[first], between[last]
 
 
-def _reached(arcs: csr_matrix, start: int) -> Mask:
+def _reached(arcs: Graph, start: int) -> Mask:
     """Return which nodes (n,) arcs lead to."""
     found = np.zeros(arcs.shape[0], dtype=bool)
-    found[csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
+    found[scipy.sparse.csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
     return found
 
 
@@ -203,7 +210,7 @@ class FrontTree:
     stack: int
 
     @classmethod
-    def of(cls, graph: csr_matrix, groups: list[IntArray], number: IntArray) -> "FrontTree":
+    def of(cls, graph: Graph, groups: list[IntArray], number: IntArray) -> FrontTree:
         """Return the fronts of groups of nodes.
 
         Args:
@@ -247,7 +254,7 @@ def _present(number: IntArray) -> IntArray:
     return np.asarray(number[number >= 0])
 
 
-def _rests(graph: csr_matrix, groups: list[IntArray]) -> tuple[list[IntArray], IntArray]:
+def _rests(graph: Graph, groups: list[IntArray]) -> tuple[list[IntArray], IntArray]:
     """Return the rest of each group, as places in the order of elimination, and its parent; -1 for none."""
     order, ends = np.concatenate(groups), np.cumsum([len(group) for group in groups])
     ordered = graph[order][:, order]

@@ -13,15 +13,16 @@ negative eigenvalues as c has negative entries (both count the inertia of one bo
 Schur complements).
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import SuperLU, splu
 
 from cosim.base.frames import Array, IntArray, Mask
 from cosim.errors import InputError, SolverError
@@ -45,7 +46,7 @@ class LowRank:
     coefficients: Array
 
     @classmethod
-    def acting(cls, vectors: Array, coefficients: Array) -> "LowRank | None":
+    def acting(cls, vectors: Array, coefficients: Array) -> LowRank | None:
         """Return those of some terms that are not zero, as copies; None where all are."""
         there = np.flatnonzero(coefficients)
         return cls(vectors[there], coefficients[there]) if len(there) else None
@@ -88,7 +89,7 @@ class Correction:
     inner: Annotated[Array, ("k", "k")]
 
     @classmethod
-    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> "Correction | None":
+    def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> Correction | None:
         """Return the correction by symmetric terms; None where A is not positive definite, if S is.
 
         Args:
@@ -104,7 +105,7 @@ class Correction:
     @classmethod
     def unsymmetric(
         cls, vectors: Array, middle: Array, product: Callable[[Array], Array]
-    ) -> "Correction | None":
+    ) -> Correction | None:
         """Return the correction by W (k, 3 n) and M (k, k); None where A is singular."""
         try:
             found = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)
@@ -377,24 +378,23 @@ class GeneralLU(LinearSolver):
         self._number = numbering(self.free, self.free_nodes)
         self._row, self._column, self._source = lower_entries(pattern, self._number)
         self._dofs = equations(self._number)
-        self._factor: SuperLU | None = None
-        self._factorised = csc_matrix((self.size, self.size))
+        self._factor: scipy.sparse.linalg.SuperLU | None = None
+        self._factorised = scipy.sparse.csc_matrix((self.size, self.size))
 
-    def matrix(self, blocks: Array, shift: float = 0.0) -> csc_matrix:
+    def matrix(self, blocks: Array, shift: float = 0.0) -> scipy.sparse.csc_matrix:
         """Return the whole matrix (size, size) of the free components."""
-        value = blocks.reshape(-1)[self._source]
-        lower = coo_matrix((value, (self._row, self._column)), shape=(self.size,) * 2)
+        value, shape = blocks.reshape(-1)[self._source], (self.size,) * 2
+        coo_matrix = scipy.sparse.coo_matrix
+        lower = coo_matrix((value, (self._row, self._column)), shape=shape)
         strict = self._row != self._column
-        upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=(self.size,) * 2)
+        upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=shape)
         total = (lower + upper).tocsc()
         for nodes, part in self.extra:
             dofs = self._number[nodes].ravel()
             inside = dofs >= 0
             rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
             value = part[np.ix_(inside, inside)].ravel()
-            total = (
-                total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=(self.size,) * 2).tocsc()
-            )
+            total = total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=shape).tocsc()
         if shift:
             total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
         return total.tocsc()
@@ -402,7 +402,7 @@ class GeneralLU(LinearSolver):
     def _factorise(self, blocks: Array, shift: float) -> bool:
         self._factorised = self.matrix(blocks, shift)
         try:
-            self._factor = splu(self._factorised, **_NEARLY_SYMMETRIC)
+            self._factor = scipy.sparse.linalg.splu(self._factorised, **_NEARLY_SYMMETRIC)
         except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
             return False
         return True
@@ -414,9 +414,9 @@ class GeneralLU(LinearSolver):
         if self._factorised.data is not parts[0]:
             # SuperLU gives no factor out, but makes the same one of the same matrix
             try:
-                matrix = csc_matrix(parts, shape=(self.size,) * 2)
+                matrix = scipy.sparse.csc_matrix(parts, shape=(self.size,) * 2)
                 matrix.check_format(full_check=True)
-                self._factorised, self._factor = matrix, splu(matrix, **_NEARLY_SYMMETRIC)
+                self._factorised, self._factor = matrix, scipy.sparse.linalg.splu(matrix, **_NEARLY_SYMMETRIC)
             except (ValueError, TypeError, RuntimeError) as error:
                 raise InputError(f"the saved factorisation is not one of this body: {error}") from error
 
@@ -445,7 +445,7 @@ def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: 
     """
     solver = GeneralLU(pattern, free)
     try:
-        solver._factor = factor = splu(
+        solver._factor = factor = scipy.sparse.linalg.splu(
             solver.matrix(blocks), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )  # fmt: skip

@@ -11,7 +11,6 @@ from itertools import product
 from typing import Final, Protocol, final
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
@@ -86,6 +85,8 @@ def softest(
             frequency; None for 1.
         count: of the lowest eigenvalues that are found, as far as there are as many.
     """
+    from scipy.sparse.linalg import LinearOperator, eigsh  # imported here because it takes long to load
+
     x, shift = state.positions, 0.0
     weights = np.ones(len(x)) if weight is None else weight
     root = np.sqrt(weights)[:, None]
