@@ -9,11 +9,12 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # what Python compiles is kept: otherwise each process that a test starts compiles all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test kernels check docs site format lint types benchmark clean
+.PHONY: help demo test test-long kernels check docs site format lint types benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
 	@echo "make test       install into .venv with the development tools and check everything"
+	@echo "make test-long  the tests that take longest, which make test leaves out"
 	@echo "make kernels    compile all kernels, once; make test and make site do it first"
 	@echo "make check      format, lint and types only"
 	@echo "make docs       the documentation, from build/docs/index.html; what it shows is run"
@@ -32,6 +33,10 @@ demo: .venv/installed
 
 test: check kernels
 	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+
+# what takes longest: every week, before a release, and after a change of numbers
+test-long: kernels
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist worksteal -m long
 
 docs: kernels
 	$(BIN)/python -m pytest --quiet tests/docs

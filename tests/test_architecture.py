@@ -8,6 +8,8 @@ import subprocess
 import sys
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -26,6 +28,20 @@ def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def functions_in(block: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """Yield all functions of a block, those within others included."""
+    for node in ast.iter_child_nodes(block):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+        if isinstance(node, ast.stmt | ast.excepthandler):
+            yield from functions_in(node)
+
+
 def test_rooms_import_downwards_only() -> None:
     linted = subprocess.run(
         [Path(sys.executable).parent / "lint-imports", "--no-cache"], cwd=ROOT, capture_output=True, text=True
@@ -42,8 +58,8 @@ def test_every_room_has_its_place_in_the_order() -> None:
 
 
 def test_no_class_name_stands_twice() -> None:
-    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
-    names = Counter(node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef))
+    bodies = [parsed(path).body for path in SOURCES]
+    names = Counter(node.name for body in bodies for node in body if isinstance(node, ast.ClassDef))
     assert [name for name, count in names.items() if count > 1] == []
 
 
@@ -74,23 +90,21 @@ def test_the_glossary_has_each_word_once_in_order() -> None:
 
 
 def test_files_and_functions_stay_short() -> None:
-    texts = {relative(path): path.read_text(encoding="utf-8") for path in PYTHON_FILES}
-    assert [path for path, text in texts.items() if len(text.splitlines()) > MAX_FILE_LINES] == []
+    lines = {relative(path): len(path.read_text(encoding="utf-8").splitlines()) for path in PYTHON_FILES}
+    assert [path for path, count in lines.items() if count > MAX_FILE_LINES] == []
     long = []
-    for path, text in texts.items():
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                assert node.end_lineno is not None
-                documented = ast.get_docstring(node) is not None and len(node.body) > 1
-                if node.end_lineno - node.body[documented].lineno + 1 > MAX_FUNCTION_LINES:
-                    long.append(f"{path}: {node.name}")
+    for path in PYTHON_FILES:
+        for node in functions_in(parsed(path)):
+            documented = ast.get_docstring(node) is not None and len(node.body) > 1
+            if (node.end_lineno or 0) - node.body[documented].lineno + 1 > MAX_FUNCTION_LINES:
+                long.append(f"{relative(path)}: {node.name}")
     assert long == []
 
 
 def test_public_names_say_what_they_are() -> None:
     bare = []
     for path in SOURCES:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
+        tree = parsed(path)
         definitions = [node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
         if definitions and ast.get_docstring(tree) is None:
             bare.append(relative(path))

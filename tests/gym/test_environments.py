@@ -40,7 +40,10 @@ def walk(environment: Any, seed: int, steps: int = STEPS) -> list[tuple[Any, ...
     return found
 
 
-@pytest.mark.parametrize(("name", "given"), [*((name, RIGID) for name in ARMS), ("cosim/GraspLift-v0", {})])
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [*((name, RIGID) for name in ARMS), pytest.param("cosim/GraspLift-v0", {}, marks=pytest.mark.long)],
+)
 def test_gymnasium_finds_nothing_wrong(name: str, given: dict[str, Any]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

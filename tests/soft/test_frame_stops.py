@@ -74,6 +74,7 @@ def test_a_stowed_arm_rests_on_its_frames_and_returns_there(deployed: RunResult)
         assert inside.min() > 1e-3
 
 
+@pytest.mark.long
 def test_a_deployed_arm_is_where_the_drawn_one_is_inflated_to(deployed: RunResult) -> None:
     changes: dict[str, Any] = {
         **STATICS,

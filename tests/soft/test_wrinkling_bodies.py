@@ -127,6 +127,7 @@ def test_a_run_in_time_rises_and_stays() -> None:
     assert abs(height[-1] - height[-20]) < 1e-3
 
 
+@pytest.mark.long
 def test_a_bare_sealed_arm_is_pulled_and_leaks_to_the_end() -> None:
     # losing gas under 15 N on its cables, it falls to another branch 245 mm away: a long slide finds it
     fewer = {"inflate": 20, "turn": 10, "pull": 20, "leak": 20}

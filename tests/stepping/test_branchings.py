@@ -37,7 +37,7 @@ def large(summary: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for row in summary["branchings"] if row["extent"] > 0.2 and not row["snap"]]
 
 
-@pytest.mark.parametrize("increments", [10, 1000])
+@pytest.mark.parametrize("increments", [10, pytest.param(1000, marks=pytest.mark.long)])
 def test_a_saddle_is_left_and_named_whatever_the_increments(increments: int) -> None:
     summary = in_statics(increments).summary
     (found,) = large(summary)
@@ -71,6 +71,7 @@ def test_the_unstable_branch_is_followed_on_purpose() -> None:
     assert abs(summary["phases"][-1]["tip_position_m"][1]) < 1e-3
 
 
+@pytest.mark.long
 def test_a_load_to_one_side_decides() -> None:
     lean = {"gravity_m_s2": [0.0, -0.5, -9.81]}
     found = in_statics(20, **lean).summary["phases"][-1]["tip_position_m"]
@@ -91,6 +92,7 @@ def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureF
     assert 7.8e3 * (1.0 + phase["load_margin"]) == pytest.approx(BRANCHES_Pa, rel=5e-3)
 
 
+@pytest.mark.long
 def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
     # Without a load to one side it may stay unstable for 8 s: rounding alone decides when it leaves.
     # This one is a ten thousandth of its weight: far above rounding, and too little to decide beforehand.
@@ -104,7 +106,7 @@ def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
     assert "comes to rest with its tip at" in warning
 
 
-@pytest.mark.parametrize("tick_s", [0.001, 0.004])
+@pytest.mark.parametrize("tick_s", [pytest.param(0.001, marks=pytest.mark.long), 0.004])
 def test_a_run_in_time_says_that_nothing_decided_on_its_side(tick_s: float) -> None:
     # at its end it may be straight still, on its way, or swing through: where it would stay is told as well
     summary = pouch(clock__tick_s=tick_s).summary
@@ -127,7 +129,7 @@ def test_a_small_snap_is_named_as_well() -> None:
     assert before < 0.002 < 0.006 < after
 
 
-@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize("together", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_branching_that_a_slow_ramp_passes_between_two_looks_is_named(together: bool) -> None:
     # it is straight at 75 % of its ramp, and at rest aside at its end
     keys = {"robot": "none", "clock.tick_s": 0.004, "phase.inflate.duration_s": 6.0}

@@ -252,6 +252,7 @@ def test_a_gripper_lifts_a_roll_and_keeps_it() -> None:
     assert snapshot.contact_force_N > 0.1 * 9.81
 
 
+@pytest.mark.long
 def test_a_shake_does_not_pull_the_rim_of_a_roll_through_the_edge_of_a_finger() -> None:
     """Its corner jumped to the film's other face: 12.1 N of normal forces after 0.36 s for a net 10.3 N."""
     simulation, lifted_N, shaken_N = build_simulation(load_scenario("gripper_lifts_roll")), 0.0, []
@@ -267,6 +268,7 @@ def test_a_shake_does_not_pull_the_rim_of_a_roll_through_the_edge_of_a_finger() 
     assert max(shaken_N) == pytest.approx(lifted_N, rel=0.03)
 
 
+@pytest.mark.long
 def test_default_fingers_draw_300_g_up_to_the_palm_and_lift_it() -> None:
     """With the palm 6 mm higher they slide off: the roll stays on its stand."""
     simulation = build_simulation(load_scenario("gripper_lifts_roll", {"object.roll.mass_kg": 0.3}))

@@ -21,6 +21,7 @@ def tip(result: RunResult, phase: str) -> np.ndarray[Any, Any]:
     return np.asarray(result.tip_position[row])
 
 
+@pytest.mark.long
 def test_the_reference_scenario_ends_where_140_increments_lead_it() -> None:
     result = cosim.run("ur5e_hexagon_arm", overrides=few("inflate", "turn", "lift", "reach"), error=False)
     assert result.status == "completed"

@@ -64,6 +64,7 @@ def at_end_of(result: RunResult, phase: str) -> int:
     return int(np.flatnonzero(result.phase == result.stage.phase_names.index(phase))[-1])
 
 
+@pytest.mark.long
 def test_the_arm_reaches_around_the_bar() -> None:
     result = shortened("arm_around_bar", {"wind": 1.2, "hook": 0.6})
     bar = load_scenario("arm_around_bar").objects[0]
@@ -83,17 +84,20 @@ def test_the_corner_of_a_table_does_not_slip_into_the_finger() -> None:
     assert result.contact_depth_m.max() < 1e-3
 
 
+@pytest.mark.long
 def test_the_soft_arm_s_gripper_pulls_wire_off_a_spool() -> None:
     gripped, pulled = turns_about_y("gripper_pulls_wire", "spool", {"grip": 0.35, "pull": 0.45})
     assert (gripped - pulled) * 0.03 > 0.1  # metres of wire; 0.03 m is the radius of its coil
 
 
+@pytest.mark.long
 def test_the_soft_arm_s_gripper_lifts_the_bridge() -> None:
     gripped, lifted = turns_about_y("gripper_lifts_bridge", "bridge", {"grip": 0.4, "lift": 0.6})
     assert abs(gripped) < 0.05  # it lies on the ground until it is taken
     assert lifted < -0.5  # rad, about -y
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "body", "force_N"),
     [

@@ -64,7 +64,7 @@ ARM_EXTREMES = st.builds(
 )
 
 
-@fixed(20)
+@fixed(8)
 @given(EXTREMES)
 @example(Extreme())
 @example(Extreme(tick_s=0.1, jump_m=0.5, spin_rad_s=20.0))
@@ -77,7 +77,7 @@ def test_a_soft_arm_runs_or_fails_by_name(extreme: Extreme) -> None:
     assert (verdict.name == "") == (verdict.kind in ("stable", "slow"))
 
 
-@fixed(10)
+@fixed(4)
 @given(ARM_EXTREMES)
 @example(ArmExtreme(short=True, tick_s=0.1, mass_ratio=10.0))
 def test_a_soft_arm_on_a_robot_runs_or_fails_by_name(extreme: ArmExtreme) -> None:

@@ -87,6 +87,7 @@ def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     assert result.summary["phases"][-1]["tip_direction"][2] < 0.0
 
 
+@pytest.mark.long
 def test_an_arm_refined_twice_hangs_without_pressure() -> None:
     # eight of the ten units of the reference arm: none was found at 0 Pa
     robot = load_scenario("ur5e_hexagon_arm", {"soft_robot.stack.refine": 2}).soft_robot

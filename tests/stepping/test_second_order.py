@@ -39,7 +39,7 @@ def moved(path: Path, tick_s: float, scheme: str) -> tuple[Array, Array, Array]:
     return result.tip_position[::every], result.flange_position[::every], result.flange_force[::every]
 
 
-@pytest.mark.parametrize("scheme", ["staggered", "iterated"])
+@pytest.mark.parametrize("scheme", ["staggered", pytest.param("iterated", marks=pytest.mark.long)])
 def test_tip_flange_and_force_are_of_second_order(tmp_path: Path, scheme: str) -> None:
     path = tmp_path / "moved.toml"
     path.write_text(MOVED, encoding="utf-8")

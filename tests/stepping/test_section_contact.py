@@ -120,7 +120,7 @@ def test_friction_pulls_as_on_the_film(folder: Path) -> None:
     assert pulls[0] == pytest.approx(pulls[1], rel=0.1)
 
 
-@pytest.mark.parametrize("scheme", ["staggered", "iterated"])
+@pytest.mark.parametrize("scheme", ["staggered", pytest.param("iterated", marks=pytest.mark.long)])
 def test_a_puck_is_pushed_as_by_the_film(folder: Path, scheme: str) -> None:
     ways = []
     for fidelity in ("section", "lumped"):

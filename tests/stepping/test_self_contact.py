@@ -163,7 +163,14 @@ S_SHAPED = CURLED | {"cables": [(1, 1, 3), (4, 3, 5)], "load": PULLED.format("12
 FOLDED = {"cables": [(1, 1, 5)], "up": 1.0, "pressure_Pa": 10e3, "load": PUSHED_OVER}
 
 
-@pytest.mark.parametrize("bent", [CURLED, S_SHAPED, FOLDED], ids=["curled", "s_shaped", "folded"])
+@pytest.mark.parametrize(
+    "bent",
+    [
+        pytest.param(CURLED, id="curled"),
+        pytest.param(S_SHAPED, id="s_shaped", marks=pytest.mark.long),
+        pytest.param(FOLDED, id="folded", marks=pytest.mark.long),
+    ],
+)
 def test_no_way_of_bending_lets_films_pass_through_one_another(bent: dict[str, Any], tmp_path: Path) -> None:
     cables = ", ".join(CABLE.format(f"c{k}", *each) for k, each in enumerate(bent["cables"]))
     scenario = tmp_path / "bent.toml"
@@ -206,6 +213,7 @@ cable_tension_N = [0.0, 6.0]
 """
 
 
+@pytest.mark.long
 def test_a_run_names_the_link_of_the_arm_that_its_film_is_in(tmp_path: Path) -> None:
     scenario = tmp_path / "forearm.toml"
     scenario.write_text(FOREARM, encoding="utf-8")
