@@ -48,7 +48,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
+from cosim.coupling.robots.film_robot import FilmRobot, FilmRobotState
 from cosim.errors import CosimError, UnreachableError
 from cosim.soft.solve.state import Equilibrium
 from cosim.soft.solve.tip_target import TipTarget
@@ -72,7 +72,7 @@ ROBOTS = {
 
 
 CALIBRATIONS: dict[str, Calibration] = {"graded": GRADED, "drawn": DRAWN}
-Found: TypeAlias = list[tuple[SoftArm, Equilibrium]]
+Found: TypeAlias = list[tuple[FilmRobot, Equilibrium]]
 """A state at rest on the mesh of the run, on that refined once, and on that refined twice."""
 
 
@@ -160,19 +160,19 @@ def loaded(case: Case, **more: Any) -> Scenario:
         return load_scenario(path, case.overrides | more)
 
 
-def stepped(scenario: Scenario) -> tuple[SoftArm, PhaseEnds]:
+def stepped(scenario: Scenario) -> tuple[FilmRobot, PhaseEnds]:
     """Return the soft robot of a run, and what is kept of its phase ends."""
     run = build_simulation(scenario)
     kept = SummaryBuilder(run.stage, 0.0, "")
     for batch in run.batches():
         kept.observe(batch)
-    assert isinstance(run.soft, SoftArm), "no section model is drawn"
+    assert isinstance(run.soft, FilmRobot), "no section model is drawn"
     return run.soft, kept.state.ends
 
 
-def film_of(end: PhaseEnd) -> SoftArmState:
+def film_of(end: PhaseEnd) -> FilmRobotState:
     """Return the film at the end of a phase."""
-    assert isinstance(end.state, SoftArmState), "no section model is drawn"
+    assert isinstance(end.state, FilmRobotState), "no section model is drawn"
     return end.state
 
 
@@ -180,12 +180,12 @@ def film_of(end: PhaseEnd) -> SoftArmState:
 class Meshes:
     """The soft robot of a run on its mesh, and on that refined once and twice."""
 
-    run: SoftArm
+    run: FilmRobot
     once: FinerMesh
     twice: FinerMesh
 
     @classmethod
-    def of(cls, scenario: Scenario, side: SoftArm) -> Meshes:
+    def of(cls, scenario: Scenario, side: FilmRobot) -> Meshes:
         """Return those of a run."""
         model = SoftModel(scenario, KeptParts())
         once = FinerMesh(side.body, model.refined(1))

@@ -20,7 +20,7 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import TipTargetTable
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import ConvergenceError, UnreachableError
 from cosim.plan.tip_targets import reach
 from cosim.soft.body.loads import Loads
@@ -94,7 +94,7 @@ class Bench:
         }
         scenario = load_scenario("ur5e_hexagon_arm", changes)
         body = fidelity_body(scenario)
-        self.soft = SoftArm(body, HANGING, NewtonOptions(iterations_max=100), StepOptions())
+        self.soft = FilmRobot(body, HANGING, NewtonOptions(iterations_max=100), StepOptions())
         here = self.soft.start(HANGING, Loads((design.pressure_Pa,), (0.0, 0.0)))
         for k in range(1, TURN_PIECES + 1):
             turn = rotation_from_vector(np.array([0.0, -design.tilt_rad * k / TURN_PIECES, 0.0]))

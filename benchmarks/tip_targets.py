@@ -26,7 +26,7 @@ from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 from cosim.config.schema.phase import FlangePoseTable, PhaseTable, StartTable, TipTargetTable
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import ConvergenceError, ScenarioError, UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import solve
@@ -88,7 +88,7 @@ class Bench:
         self.scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True})
         self.arm = Arm(find_arm(self.scenario.robot))
         body = fidelity_body(self.scenario)
-        self.soft = SoftArm(body, pose_of(START), NewtonOptions(iterations_max=100), StepOptions())
+        self.soft = FilmRobot(body, pose_of(START), NewtonOptions(iterations_max=100), StepOptions())
         self.hanging = pose_of(START)
 
     def at_start(self, tension: tuple[float, ...]) -> Equilibrium:

@@ -11,7 +11,7 @@ import numpy as np
 from cosim.base.column import columns_of, room_for
 from cosim.base.columns import TickColumns
 from cosim.base.frames import Array
-from cosim.coupling.film_figures import ShapeFigures
+from cosim.coupling.shape_figures import ShapeFigures
 from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 

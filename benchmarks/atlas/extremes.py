@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from cosim.base.frames import Pose, rotation_from_vector
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import CosimError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -146,12 +146,12 @@ def flange_at(extreme: Extreme, tick: int) -> Pose:
     return Pose(turn @ HANGING.rotation, HANGING.translation + shift)
 
 
-def _finite(arm: SoftArm) -> bool:
+def _finite(arm: FilmRobot) -> bool:
     state = arm.state
     return bool(np.isfinite(state.positions).all() and np.isfinite(state.velocities).all())
 
 
-def _advance(arm: SoftArm, extreme: Extreme) -> int:
+def _advance(arm: FilmRobot, extreme: Extreme) -> int:
     """Take all ticks; return the Newton iterations."""
     iterations, cables = 0, len(arm.body.cables)
     for tick in range(1, extreme.ticks + 1):
@@ -163,12 +163,12 @@ def _advance(arm: SoftArm, extreme: Extreme) -> int:
     return iterations
 
 
-def _equilibria(arm: SoftArm, extreme: Extreme) -> int:
+def _equilibria(arm: FilmRobot, extreme: Extreme) -> int:
     """Find equilibria at the same loads and poses; return the Newton iterations a tick would have had."""
     solver, cables = arm.equilibrium_solver, len(arm.body.cables)
 
     def settle(found: Equilibrium) -> Equilibrium:
-        arm.settle(found)
+        arm.commit(found)
         if not (_finite(arm) and np.isfinite(found.wrench.force).all() and np.isfinite(found.potential_J)):
             raise ArithmeticError("a number that is not finite left the solver")
         return found
@@ -211,11 +211,11 @@ def judged(run: Callable[[], float], intact: Callable[[], bool]) -> Verdict:
 
 def probe(extreme: Extreme, options: StepOptions | None = None) -> Verdict:
     """Build the soft arm, let happen to it what shall happen, and say how it ended."""
-    arms: list[SoftArm] = []
+    arms: list[FilmRobot] = []
 
     def run() -> float:
         chosen = options or StepOptions(integrator=extreme.integrator)
-        arm = SoftArm(body_of(extreme), HANGING, NewtonOptions(), chosen)
+        arm = FilmRobot(body_of(extreme), HANGING, NewtonOptions(), chosen)
         arms.append(arm)
         return _equilibria(arm, extreme) if extreme.statics else _advance(arm, extreme) / extreme.ticks
 

@@ -22,7 +22,7 @@ from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.state import Equilibrium
 
@@ -48,7 +48,7 @@ def scenario(**changes: Any) -> Scenario:
     return load_scenario(CASE, {"robot": "none"} | keys)
 
 
-def aside_mm(side: SoftArm, here: Equilibrium) -> float:
+def aside_mm(side: FilmRobot, here: Equilibrium) -> float:
     """Return how far the tip is aside."""
     return 1e3 * float(side.body.tip_position(here.state.positions)[1])
 
@@ -66,17 +66,17 @@ def static_rows(increments: Sequence[int]) -> Iterator[tuple[str, bool]]:
         yield f"| {count} | {1e-3 * at_Pa:.3f} | {y_mm:.1f} | {sides[0]:.1f}, {sides[1]:.1f} |", good
 
 
-def bears_mN(side: SoftArm, rest: Equilibrium, way: float) -> tuple[float, float]:
+def bears_mN(side: FilmRobot, rest: Equilibrium, way: float) -> tuple[float, float]:
     """Return the least force on the tip to a side [mN] that moves it for good, and where it is then [mm]."""
     shape = np.zeros_like(rest.state.positions)
     shape[side.body.tip, 1] = way / len(side.body.tip)
     for force_mN in FORCES_mN:
         try:
-            side.settle(rest)
+            side.commit(rest)
             pushed = side.follow(
                 rest, rest.world_from_flange, replace(rest.loads, nodal_force=1e-3 * force_mN * shape)
             )
-            side.settle(pushed)
+            side.commit(pushed)
             back = side.follow(pushed, rest.world_from_flange, rest.loads)
         except ConvergenceError:
             return force_mN, np.nan
@@ -85,7 +85,7 @@ def bears_mN(side: SoftArm, rest: Equilibrium, way: float) -> tuple[float, float
     return np.inf, aside_mm(side, rest)
 
 
-def at_rest_in(run: Scenario) -> tuple[SoftArm, Equilibrium, float]:
+def at_rest_in(run: Scenario) -> tuple[FilmRobot, Equilibrium, float]:
     """Return the pouch at rest at a run's end, and how far its tip is aside in the run [mm]."""
     side, kept = stepped(run)
     state = film_of(kept.ends[-1])
@@ -115,8 +115,8 @@ def varied_rows(rest: Equilibrium) -> Iterator[str]:
     for name, changes in VARIANTS.items():
         low = scenario(mode="quasistatic", phase__inflate__pressure_Pa=4e3, **changes)  # below its branching
         side, *_ = at_rest_in(low)
-        shape = side.in_shape(rest.state.positions, rest.world_from_flange)
-        found = side.rest_near(shape, rest.world_from_flange, rest.loads, ITERATIONS_MAX)
+        shape = side.state_at_rest(rest.state.positions, rest.world_from_flange)
+        found = side.find_rest(shape, rest.world_from_flange, rest.loads, ITERATIONS_MAX)
         yield f"| {name} | {aside_mm(side, found):.1f} |"
 
 

@@ -16,7 +16,7 @@ from unittest import mock
 import numpy as np
 
 import cosim
-from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.robots.beam_robot import BeamRobot
 from cosim.errors import ConvergenceError, CosimError
 from cosim.soft.linear.linear_solver import by_component
 from cosim.soft.solve.equilibrium import EquilibriumSolver
@@ -89,20 +89,20 @@ def find_lower_state(
 def tallied() -> Iterator[Counter[str]]:
     """Count the static solutions that are accepted meanwhile, by what is known of them.
 
-    Each one that is followed, in planning, at the start or in an increment, passes through `leave`.
+    Each one that is followed, in planning, at the start or in an increment, passes through `switch_branch`.
     """
     found = Counter[str]()
 
-    def counting(leave: Any) -> Any:
+    def counting(switch_branch: Any) -> Any:
         def left(side: Any, begin: Any, end: Any) -> Any:
-            here = leave(side, begin, end)
+            here = switch_branch(side, begin, end)
             found[{None: "not known", 0: "stable"}.get(here.negative_pivots, "unstable")] += 1
             return here
 
         return left
 
-    classes = EquilibriumSolver, SectionArm
-    first, second = (mock.patch.object(each, "leave", counting(each.leave)) for each in classes)
+    classes = EquilibriumSolver, BeamRobot
+    first, second = (mock.patch.object(each, "switch_branch", counting(each.switch_branch)) for each in classes)
     with first, second:
         yield found
 

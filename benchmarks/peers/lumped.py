@@ -14,10 +14,10 @@ from cosim.base.frames import Pose, Wrench
 from cosim.build.options import fidelity_body
 from cosim.config.loading import load_scenario
 from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks import ServoCommands
 from cosim.rigid.build.description import SceneDescription, SceneObject, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -90,7 +90,7 @@ class Stand:
                 floor_height_m=None, armature=_STAND_KG, gains=ServoGains(np.zeros(1), np.zeros(1)),
             )
         )  # fmt: skip
-        soft = SoftArm(body, scene.flange_pose, NewtonOptions(), options)
+        soft = FilmRobot(body, scene.flange_pose, NewtonOptions(), options)
         soft.state = SoftState.at_rest(start, SoftState.drawn(body, Pose()).memory)
         contact = None
         if course.bar is not None:
@@ -111,7 +111,7 @@ class Stand:
         ]
         while loads:
             still = np.zeros((len(loads), 1))
-            servos = Servos.knowing_no_payload(still, still, still)
+            servos = ServoCommands.without_payload(still, still, still)
             loads = loads[self._coupling.advance(servos, loads).done :]
         self._done = ticks.stop - 1
 

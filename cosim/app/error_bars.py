@@ -73,7 +73,7 @@ def _read(directory: Path, stage: RunInfo) -> tuple[PhaseEnds, Scenario]:
     Raises:
         InputError: there are none, or they cannot be read.
     """
-    from cosim.coupling.soft_sides import lumped_arm, section_arm  # noqa: F401  # of which states are
+    from cosim.coupling.robots import beam_robot, film_robot  # noqa: F401  # of which states are
 
     path, scenario = directory / PHASE_ENDS, directory / SCENARIO
     if not is_file(path):

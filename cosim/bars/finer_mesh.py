@@ -12,7 +12,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Mask, Pose
-from cosim.coupling.soft_sides import lumped_arm
+from cosim.coupling.robots import film_robot
 from cosim.errors import ConvergenceError
 from cosim.soft.body import body, places
 from cosim.soft.body.loads import Loads
@@ -31,7 +31,7 @@ NOTHING_PRESSES = FilmMemory(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np
 
 
 def least_out_of_balance(
-    side: lumped_arm.SoftArm, starts: Sequence[SoftState], flange: Pose, loads: Loads, along: float = 1.0
+    side: film_robot.FilmRobot, starts: Sequence[SoftState], flange: Pose, loads: Loads, along: float = 1.0
 ) -> SoftState:
     """Return the start that is the less out of balance: what is taken along may fold films.
 
@@ -49,7 +49,7 @@ def least_out_of_balance(
 
 
 @contextmanager
-def left_out_of_balance(side: lumped_arm.SoftArm, left_N: float) -> Iterator[None]:
+def left_out_of_balance(side: film_robot.FilmRobot, left_N: float) -> Iterator[None]:
     """Let equilibria that are found within leave so much out of balance; what holds the body stays."""
     solver, before = side.equilibrium_solver, side.equilibrium_solver.options
     left_N = max(left_N, before.tolerance_N)
@@ -93,7 +93,7 @@ class FinerMesh:
     """
 
     def __init__(
-        self, coarse: body.SoftBody, side: lumped_arm.SoftArm, iterations_max: int = ITERATIONS_MAX
+        self, coarse: body.SoftBody, side: film_robot.FilmRobot, iterations_max: int = ITERATIONS_MAX
     ) -> None:
         self.side, self._parents, self.iterations = side, places.parents(coarse, side.body), 0
         self._iterations_max = iterations_max
@@ -117,7 +117,7 @@ class FinerMesh:
         side, shape, flange = self.side, rest.state.positions, rest.world_from_flange
         self.hold(clamp)
         wanted, loads = shape[self._parents].mean(axis=1), self._loads(rest)
-        starts = [side.in_shape(wanted, flange)]
+        starts = [side.state_at_rest(wanted, flange)]
         if before is not None:
             finer, coarse = before.finer, before.rest.state.positions
             turn = flange.rotation @ finer.world_from_flange.rotation.T
@@ -128,7 +128,7 @@ class FinerMesh:
         if rest.loads.self_contact is not None:  # films that press on the run's mesh do so on this one
             start = replace(start, touching=NOTHING_PRESSES)
         most = self._iterations_max
-        return self._spent(lambda: side.rest_near(start, flange, loads, most, min(most, PATIENCE)))
+        return self._spent(lambda: side.find_rest(start, flange, loads, most, min(most, PATIENCE)))
 
     def followed(self, clamp: Clamp, rest: Equilibrium, earlier: Equilibrium) -> Equilibrium:
         """Return the equilibrium that one of the refined mesh is followed to.
@@ -161,7 +161,7 @@ class FinerMesh:
             self.iterations += error.iterations
             raise
         self.iterations += found.iterations
-        self.side.settle(found)
+        self.side.commit(found)
         return found
 
     def _spread(self, force: Array) -> Array:

@@ -19,8 +19,8 @@ from cosim.bars.finer_mesh import (
 )
 from cosim.bars.source_film import SourceFilm
 from cosim.build.soft_model import SoftModel
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
-from cosim.coupling.soft_sides.section_arm import SectionArmState
+from cosim.coupling.robots.beam_robot import BeamRobotState
+from cosim.coupling.robots.film_robot import FilmRobot, FilmRobotState
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.telemetry.phase_ends import PhaseEnd
@@ -29,7 +29,7 @@ _SHORT: Final = 60
 """Iterations of each try on the refined mesh unasked: where a state is near, it is found in some ten."""
 
 
-def at_rest(side: SoftArm, state: SoftArmState, start: SoftState | None = None) -> Equilibrium:
+def at_rest(side: FilmRobot, state: FilmRobotState, start: SoftState | None = None) -> Equilibrium:
     """Return where a body that has stopped at a state of its run comes to rest; it is held as there then.
 
     Args:
@@ -43,7 +43,7 @@ def at_rest(side: SoftArm, state: SoftArmState, start: SoftState | None = None) 
     if not state.clamp.holds_as(side.clamp):
         side.hold(state.clamp)
     soft = SoftState.at_rest(state.soft.positions, state.soft.memory, state.soft.touching)
-    return side.rest_near(start or soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
+    return side.find_rest(start or soft, state.flange, state.loads, ITERATIONS_MAX, PATIENCE)
 
 
 @final
@@ -72,7 +72,7 @@ class RestingStates:
         self.side.effort.check = budget.check
         self.pairs: dict[int, Pair] = {}
         self._mesh: FinerMesh | None = None
-        self._films: dict[int, SoftArmState] = {}
+        self._films: dict[int, FilmRobotState] = {}
         self._check()
 
     def _check(self) -> None:
@@ -82,17 +82,17 @@ class RestingStates:
             InputError: they are not.
         """
         chain = None if self.source is None else self.source.chain
-        kind = SoftArmState if chain is None else SectionArmState
+        kind = FilmRobotState if chain is None else BeamRobotState
         for end in self.ends:
             if not isinstance(end.state, kind):
                 raise InputError(f"the phase ends are of a {type(end.state).__name__}, not a {kind.__name__}")
             end.state.check(self.side.body.nodes if chain is None else len(chain.section.frames))
 
-    def _film_side(self) -> SoftArm:
+    def _film_side(self) -> FilmRobot:
         if self.source is not None:
             return self.source.film
         side = self._model.side()
-        assert isinstance(side, SoftArm), "nothing else has a refined mesh"
+        assert isinstance(side, FilmRobot), "nothing else has a refined mesh"
         return side
 
     @property
@@ -113,15 +113,15 @@ class RestingStates:
         """Of Newton's method on the refined mesh."""
         return 0 if self._mesh is None else self._mesh.iterations
 
-    def film(self, place: int) -> SoftArmState:
+    def film(self, place: int) -> FilmRobotState:
         """Return the film at a phase end; that of a section model in the shape of its chain."""
         state = self.ends[place].state
-        if isinstance(state, SectionArmState):
+        if isinstance(state, BeamRobotState):
             assert self.source is not None, "only a run with a section model has such states"
             if place not in self._films:
                 self._films[place] = self.source.state(state)
             return self._films[place]
-        assert isinstance(state, SoftArmState), "other models keep none"
+        assert isinstance(state, FilmRobotState), "other models keep none"
         return state
 
     def pair(self, place: int) -> Pair | None:
@@ -181,7 +181,7 @@ class RestingStates:
             earlier = None if self.source is None else self._earlier(place)
             if earlier is None:
                 raise
-            side.settle(earlier.rest)
+            side.commit(earlier.rest)
             return side.follow(earlier.rest, film.flange, film.loads)
 
     def _start(self, place: int) -> SoftState | None:

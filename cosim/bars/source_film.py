@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.coupling.soft_sides import lumped_arm, section_arm
+from cosim.coupling.robots import beam_robot, film_robot
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp
 from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
@@ -23,17 +23,17 @@ class SourceFilm:
         film: new, on the mesh that its sections were condensed from.
     """
 
-    def __init__(self, chain: section_arm.SectionArm, film: lumped_arm.SoftArm) -> None:
+    def __init__(self, chain: beam_robot.BeamRobot, film: film_robot.FilmRobot) -> None:
         self.chain, self.film = chain, film
         self._clamps: list[tuple[FrameClamp, Clamp]] = []
 
-    def state(self, saved: section_arm.SectionArmState) -> lumped_arm.SoftArmState:
+    def state(self, saved: beam_robot.BeamRobotState) -> film_robot.FilmRobotState:
         """Return the film in the shape of a chain: rings that are held there are held as they are."""
         chain, film = self.chain, self.film
         chain.full_state = saved
         shape = chain.state.positions
         film.hold(self._clamp(saved.clamp, shape, saved.flange))
-        soft = film.in_shape(shape, saved.flange)
+        soft = film.state_at_rest(shape, saved.flange)
         return replace(film.full_state, soft=soft, flange=saved.flange, loads=saved.loads)
 
     def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
@@ -45,7 +45,7 @@ class SourceFilm:
         self._clamps.append((frames, clamp))
         return clamp
 
-    def chain_at_rest(self, saved: section_arm.SectionArmState) -> Equilibrium:
+    def chain_at_rest(self, saved: beam_robot.BeamRobotState) -> Equilibrium:
         """Return where the chain comes to rest, with the loads of a state; it is there then.
 
         Raises:
@@ -55,5 +55,5 @@ class SourceFilm:
         chain.full_state = saved
         begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
         found = chain.solve(begin, saved.flange, saved.loads)
-        chain.settle(found)
+        chain.commit(found)
         return found

@@ -34,8 +34,8 @@ from cosim.build.options import dynamic_options
 from cosim.build.soft_model import SoftModel
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm, SoftArmState
-from cosim.coupling.soft_sides.section_arm import SectionArmState
+from cosim.coupling.robots.beam_robot import BeamRobotState
+from cosim.coupling.robots.film_robot import FilmRobot, FilmRobotState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_targets import wanted_tip
 from cosim.soft.beams.beam_rings import stiffener_strain
@@ -65,7 +65,7 @@ _ONLY_LAST: Final = "only of the last phase and those it needs, as more would co
 _TOO_DEAR: Final = "it would cost more than the run; --error works it out all the same"
 
 
-def shape_figures(side: SoftArm, shape: Any, flange: tuple[Any, Any]) -> dict[str, Any]:
+def shape_figures(side: FilmRobot, shape: Any, flange: tuple[Any, Any]) -> dict[str, Any]:
     """Return tip (3,) [m], sag, length [m], volume [m^3], largest strain of the stiffeners, None without.
 
     Args:
@@ -256,7 +256,7 @@ class ErrorStudy:
     def _of_section(
         self,
         source: SourceFilm,
-        state: SectionArmState,
+        state: BeamRobotState,
         here: dict[str, Any],
         wanted: tip_target.TipTarget | None,
         pair: Pair,
@@ -272,7 +272,7 @@ class ErrorStudy:
                 away["cable_tension_N"] = tension_difference(*(each.loads for each in pulled))
         return away
 
-    def _of_solver(self, side: SoftArm, rest: Equilibrium) -> float:
+    def _of_solver(self, side: FilmRobot, rest: Equilibrium) -> float:
         """Return how far what the solver leaves moves the tip [m]."""
         solver, options = side.equilibrium_solver.solver, self._scenario.solver
         statics = self._scenario.mode == "quasistatic"
@@ -282,7 +282,9 @@ class ErrorStudy:
             return math.inf
         return tolerance_N * float(np.linalg.norm(solver.linear.solve_all(tip_pulls(side.body))))
 
-    def _of_tick(self, swings: Swings, tick: int, film: SoftArmState, rest: Equilibrium) -> dict[str, float]:
+    def _of_tick(
+        self, swings: Swings, tick: int, film: FilmRobotState, rest: Equilibrium
+    ) -> dict[str, float]:
         """Return how far ticks may have brought the figures off, besides those at rest."""
         side, shape = self.states.side, film.soft.positions
         modes = Modes.of(side, rest)

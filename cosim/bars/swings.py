@@ -17,8 +17,8 @@ from typing import Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.shape_moments import ShapeMoments
+from cosim.coupling.robots.film_robot import FilmRobot
+from cosim.coupling.robots.shape_moments import ShapeMoments
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve import stability
 from cosim.soft.solve.state import Equilibrium, StepOptions
@@ -54,7 +54,7 @@ class Modes:
     losses: Array
 
     @classmethod
-    def of(cls, side: SoftArm, rest: Equilibrium) -> "Modes | None":
+    def of(cls, side: FilmRobot, rest: Equilibrium) -> "Modes | None":
         """Return those at a state at rest; None where its tangent is not positive definite."""
         solver, body, state = side.equilibrium_solver.solver, side.body, rest.state
         frame = rest.world_from_flange.rotation

@@ -16,7 +16,7 @@ from cosim.build.options import dynamic_options, fidelity_body, static_options
 from cosim.config.benches import BenchTable, FreeTable, Series
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import ConvergenceError, InputError, ScenarioError
 from cosim.plan.flange_motion import pose_of
 from cosim.soft.body.loads import Loads
@@ -147,7 +147,7 @@ class Equilibria:
             found.append(whole)
         return np.array(found)
 
-    def _built(self, values: Array) -> tuple[SoftArm, parameters.StaticModel]:
+    def _built(self, values: Array) -> tuple[FilmRobot, parameters.StaticModel]:
         changes = dict[str, float]()
         for k in self._robot:
             changes |= parameters.shared(self.keys[k], float(values[k]))
@@ -160,7 +160,9 @@ class Equilibria:
             raise ScenarioError(path, problem, tuple(further)) from None
         statics = replace(static_options(scenario), tolerance_N=_TOLERANCE_N, start_tolerance_N=_TOLERANCE_N)
         flange = pose_of(scenario.start.flange)
-        arm = SoftArm(fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario))
+        arm = FilmRobot(
+            fidelity_body(scenario), flange, statics, dynamic_options(scenario), film_law(scenario)
+        )
         return arm, parameters.StaticModel.of(scenario, arm.equilibrium_solver.solver.film)
 
     def _equilibrium(self, number: int) -> Equilibrium:

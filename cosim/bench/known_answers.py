@@ -15,11 +15,11 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from cosim.base.arm_file import ArmFile
 from cosim.base.frames import Array, IntArray, Mask, Pose
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes import iterated, staggered
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks import ServoCommands
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -478,12 +478,12 @@ def pushed(carriage_kg: float, scheme: Callable[[Interface], Coupling], ticks: i
         )
     )  # fmt: skip
     pose = scene.flange_pose
-    soft = SoftArm(body, pose, NewtonOptions(tolerance_N=1e-9), exact_steps("implicit_euler", 1e-10))
-    soft.hold_also(np.tile([True, True, False], (body.nodes, 1)), pose)
+    soft = FilmRobot(body, pose, NewtonOptions(tolerance_N=1e-9), exact_steps("implicit_euler", 1e-10))
+    soft.hold_components(np.tile([True, True, False], (body.nodes, 1)), pose)
     begin = soft.solve(soft.state, pose, UNLOADED)
-    soft.settle(begin)
+    soft.commit(begin)
     coupling, done = scheme(Interface(scene, soft, begin.wrench)), 0
-    servos = Servos.knowing_no_payload(still, still, still + 1.0)
+    servos = ServoCommands.without_payload(still, still, still + 1.0)
     while done < ticks:
         done += coupling.advance(servos, [UNLOADED] * min(len(still), ticks - done)).done
     rise = float((soft.state.positions - begin.state.positions)[:, 2].mean())

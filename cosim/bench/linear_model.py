@@ -12,8 +12,8 @@ import numpy as np
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides import lumped_arm, section_arm
-from cosim.coupling.soft_sides.shape_reader import MeshReader
+from cosim.coupling.robots import beam_robot, film_robot
+from cosim.coupling.robots.shape_reader import MeshReader
 from cosim.devices.flange_offset import joint_rate
 from cosim.errors import InputError
 from cosim.reduced.sections.figures import FIGURES
@@ -242,9 +242,9 @@ def _about(simulation: Simulation, motions: int) -> LinearModel:
     if motions < 1:
         raise InputError(f"motions = {motions}: a linear model needs 1 or more natural modes of the film")
     tick_s = scenario.clock.tick_s
-    if isinstance(soft, section_arm.SectionArm):
+    if isinstance(soft, beam_robot.BeamRobot):
         soft_step = soft.linear_step(tick_s)
-    elif isinstance(soft, lumped_arm.SoftArm):
+    elif isinstance(soft, film_robot.FilmRobot):
         soft_step = soft.linear_step(tick_s, motions)
     else:
         raise InputError(

@@ -16,7 +16,7 @@ from cosim.base.frames import Array, Wrench
 from cosim.bench.outputs import Output, OutputShape, change, read
 from cosim.bench.parameters import AnyParameter, StaticModel
 from cosim.build.options import dynamic_options
-from cosim.coupling.soft_sides.lumped_arm import SoftArmState
+from cosim.coupling.robots.film_robot import FilmRobotState
 from cosim.errors import InputError, SensitivityError
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
@@ -47,7 +47,7 @@ class RunSlopes:
         SensitivityError: the state at rest has no derivative.
     """
 
-    def __init__(self, parameters: Sequence[AnyParameter], model: StaticModel, start: SoftArmState) -> None:
+    def __init__(self, parameters: Sequence[AnyParameter], model: StaticModel, start: FilmRobotState) -> None:
         self._parameters, self._model, self._here = parameters, model, start
         self._options = dynamic_options(model.scenario)
         if any(cable.friction_coefficient or cable.remembers for cable in model.film.body.cables):
@@ -67,10 +67,10 @@ class RunSlopes:
     def _newton(self, clamp: Clamp) -> newton.NewtonSolver:
         return newton.NewtonSolver(self._model.film, clamp.mask(self._model.film.body.nodes))
 
-    def _moved(self, here: SoftArmState) -> list[Moved]:
+    def _moved(self, here: FilmRobotState) -> list[Moved]:
         return [moves(_at(here), here.clamp) for moves in self._moves]
 
-    def tick(self, after: SoftArmState, step_s: float) -> None:
+    def tick(self, after: FilmRobotState, step_s: float) -> None:
         """Update the derivatives for a tick.
 
         Args:
@@ -117,11 +117,11 @@ class RunSlopes:
         columns = [change(outputs, self._shape, each, slope, flange) for each, slope in self._found]
         return values, np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
 
-    def _own_side(self, here: SoftArmState) -> Side:
+    def _own_side(self, here: FilmRobotState) -> Side:
         return Side(0.0, 0.0, 0.0, self._model.film, here.clamp, here.loads)
 
     def _inertia(
-        self, place: tuple[int, int], side: Side, before: SoftState, after: SoftArmState, step_s: float
+        self, place: tuple[int, int], side: Side, before: SoftState, after: FilmRobotState, step_s: float
     ) -> Inertia:
         """Return inertia and losses of a tick, for one side of a difference quotient.
 
@@ -156,7 +156,7 @@ class RunSlopes:
         return self._parameters[number].step_options(self._options, offset)
 
 
-def _at(here: SoftArmState) -> Equilibrium:
+def _at(here: FilmRobotState) -> Equilibrium:
     return Equilibrium(here.soft, here.flange, here.loads, Wrench(), here.residual_N, 0, 0.0, 0)
 
 

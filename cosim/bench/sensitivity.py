@@ -16,7 +16,7 @@ from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, S
 from cosim.bench.run_slopes import RunSlopes
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError, SensitivityError
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
@@ -139,7 +139,7 @@ def sensitivity(
     simulation = _simulation_of(source, overrides)
     run, scenario = stepped_run(simulation), simulation.scenario
     soft = run.soft
-    if not isinstance(soft, SoftArm):
+    if not isinstance(soft, FilmRobot):
         raise InputError(
             f"fidelity = {scenario.fidelity!r} has no film; use fidelity = 'lumped' or 'refined'"
         )
@@ -148,7 +148,7 @@ def sensitivity(
     return _in_time(simulation, soft, (parameters, outputs))
 
 
-def _at_rest(scenario: Scenario, soft: SoftArm, here: Equilibrium, asked: Asked) -> Jacobian:
+def _at_rest(scenario: Scenario, soft: FilmRobot, here: Equilibrium, asked: Asked) -> Jacobian:
     solver = soft.equilibrium_solver.solver
     if solver.film.slides:
         raise InputError(
@@ -166,7 +166,7 @@ def _at_rest(scenario: Scenario, soft: SoftArm, here: Equilibrium, asked: Asked)
     return _jacobian(wanted, rows, _values(wanted, here.loads, model), found)
 
 
-def _in_time(simulation: Simulation, soft: SoftArm, asked: Asked) -> Jacobian:
+def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
     """Run a simulation to its end, and update the derivatives tick by tick."""
     if simulation.snapshot.tick:
         raise InputError(

@@ -10,7 +10,7 @@ from cosim.config.gas_rules import gas_rules
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.film_reach import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.plan import Plan
@@ -27,7 +27,7 @@ _SLOW = 0.01  # accelerations below this fraction of gravity are negligible
 
 
 def contact_decision(
-    scenario: Scenario, soft: SoftSide, plan: Plan, arm: "Arm", scene: "RigidScene"
+    scenario: Scenario, soft: SoftRobot, plan: Plan, arm: "Arm", scene: "RigidScene"
 ) -> Decision:
     """Decide whether the run models contact with the scene.
 

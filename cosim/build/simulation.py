@@ -16,7 +16,7 @@ from cosim.build.run_info import stage_of
 from cosim.build.soft_model import SoftModel
 from cosim.config import plugins, several_arms
 from cosim.config.schema.scenario import NO_ARM, Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices import command_source, controller
 from cosim.devices.device_loop import Actuation
 from cosim.devices.live import live_commands
@@ -120,7 +120,7 @@ def build_arms(
 
 
 def _joined(
-    scenario: Scenario, model: SoftModel, soft: SoftSide, actuation: Actuation, arranged: _Arranged
+    scenario: Scenario, model: SoftModel, soft: SoftRobot, actuation: Actuation, arranged: _Arranged
 ) -> tuple[Parts, RunInfo]:
     """Return the parts of a run, and its constant data."""
     plan, carrier, modelled, planned, arm = arranged
@@ -153,7 +153,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
 
 
 def _steered(
-    scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation, bounds: LiveBounds
+    scenario: Scenario, plan: Plan, soft: SoftRobot, actuation: Actuation, bounds: LiveBounds
 ) -> live_commands.LiveCommands:
     """Return the commands of a plan, changed by the scenario's command sources and by live commands."""
     planned = PlannedCommands(scenario, plan, soft, actuation)
@@ -163,7 +163,7 @@ def _steered(
     return live_commands.LiveCommands(commands, planned, scenario, soft, bounds)
 
 
-def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arranged:
+def _held_base(scenario: Scenario, model: SoftModel, soft: SoftRobot) -> _Arranged:
     plan = _plan(scenario, HeldBase.plan, model)
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
@@ -171,7 +171,7 @@ def _held_base(scenario: Scenario, model: SoftModel, soft: SoftSide) -> _Arrange
     return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
 
 
-def _arm(scenario: Scenario, model: SoftModel, soft: SoftSide, before: Choices | None) -> _Arranged:
+def _arm(scenario: Scenario, model: SoftModel, soft: SoftRobot, before: Choices | None) -> _Arranged:
     # imported here so that a scenario without an arm loads neither MuJoCo nor Pinocchio
     from cosim.build.arm_parts import ArmParts
     from cosim.stepping.scene_carrier import ArmCarrier
@@ -196,7 +196,7 @@ class _Planned:
 
     scenario: Scenario
     model: SoftModel
-    soft: SoftSide
+    soft: SoftRobot
     parts: ArmParts
     plan: Plan
     payload: Payload
@@ -207,7 +207,7 @@ class _Planned:
         return path_clearance.PlannedArmMotion(self.parts.scene, self.plan, self.model.body)
 
 
-def _planned(scenario: Scenario, model: SoftModel, soft: SoftSide, parts: ArmParts) -> _Planned:
+def _planned(scenario: Scenario, model: SoftModel, soft: SoftRobot, parts: ArmParts) -> _Planned:
     payload = drawn_payload(soft.body, parts.mounted)
     plan = _plan(scenario, checked_start(parts.plan_joints, parts.arm, parts.scene, payload), model)
     return _Planned(scenario, model, soft, parts, plan, payload)

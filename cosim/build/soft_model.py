@@ -16,13 +16,13 @@ from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.coupling.soft_sides import frozen_body, lumped_arm, soft_side
+from cosim.coupling.robots import frozen_robot, film_robot, soft_robot
 from cosim.plan.flange_motion import pose_of
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.parts import film_law
 
 if TYPE_CHECKING:
-    from cosim.coupling.soft_sides import section_arm
+    from cosim.coupling.robots import beam_robot
 
 _SHORT, _SHORT_SEARCH = 40, 600  # iterations of a solution that starts from a nearby shape
 
@@ -76,7 +76,7 @@ class SoftModel:
         )
         self.name = kept_parts.name_of(self.statics_name, self._dynamics)
 
-    def trial(self) -> soft_side.SoftSide:
+    def trial(self) -> soft_robot.SoftRobot:
         """Return a soft side for the plan: of the run's model; with fidelity "rigid" of the lumped one."""
         return self._flexible()
 
@@ -85,25 +85,25 @@ class SoftModel:
         """Largest pressure [Pa] of the section model; None without one."""
         return None if self.section is None else self.section.spline.largest_Pa
 
-    def chain(self) -> section_arm.SectionArm:
+    def chain(self) -> beam_robot.BeamRobot:
         """Return the section model as a soft side; only with fidelity = "section"."""
-        from cosim.coupling.soft_sides import section_arm  # here, as above
+        from cosim.coupling.robots import beam_robot  # here, as above
         from cosim.reduced.section_model import SectionBody
 
         assert self.section is not None, "needs fidelity = 'section'"
         section = SectionBody(self.body, self.section)
-        return section_arm.SectionArm(section, self._flange, self._statics, self._dynamics)
+        return beam_robot.BeamRobot(section, self._flange, self._statics, self._dynamics)
 
-    def _flexible(self) -> soft_side.SoftSide:
+    def _flexible(self) -> soft_robot.SoftRobot:
         """Return a new soft side, of the section model if there is one, else of the film."""
         if self.section is not None:
             return self.chain()
-        arm = lumped_arm.SoftArm(self.body, self._flange, self._statics, self._dynamics, self._films)
+        arm = film_robot.FilmRobot(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.tell = self._tell
         return arm
 
     @property
-    def finer(self) -> Callable[[int], lumped_arm.SoftArm] | str:
+    def finer(self) -> Callable[[int], film_robot.FilmRobot] | str:
         """The method `refined`; or a text that says why the film cannot be refined."""
         scenario = self._scenario
         if scenario.fidelity == "rigid":
@@ -112,20 +112,20 @@ class SoftModel:
             return "the soft robot is given as arrays, which cannot be refined"
         return self.refined
 
-    def refined(self, levels: int) -> lumped_arm.SoftArm:
+    def refined(self, levels: int) -> film_robot.FilmRobot:
         """Return the film with additional refinements; its solutions have few iterations."""
         short = replace(
             self._statics, iterations_max=_SHORT, search_iterations_max=_SHORT_SEARCH,
             reuse_max=options.REUSE_MAX, reuse_below_N=options.STATIC_REUSE_BELOW_N,
         )  # fmt: skip
         body = options.fidelity_body(self._scenario, levels)
-        return lumped_arm.SoftArm(body, self._flange, short, self._dynamics, self._films)
+        return film_robot.FilmRobot(body, self._flange, short, self._dynamics, self._films)
 
-    def side(self) -> soft_side.SoftSide:
+    def side(self) -> soft_robot.SoftRobot:
         """Return the soft side of the run."""
         flexible = self._flexible()
         if self._scenario.fidelity == "rigid":
-            return frozen_body.FrozenBody(flexible, self._scenario.solver.air_drag_per_s)
+            return frozen_robot.FrozenRobot(flexible, self._scenario.solver.air_drag_per_s)
         return flexible
 
 

@@ -14,8 +14,8 @@ from cosim.base.column import room_for
 from cosim.base.columns import TickColumns, TickRow, TickTable
 from cosim.base.frames import Array, Wrench
 from cosim.base.kernel_types import Blocks, Matrix
-from cosim.coupling.film_figures import TickPieces
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide
+from cosim.coupling.robots.soft_robot import SoftReply, SoftRobot
+from cosim.coupling.shape_figures import SubstepRecord
 from cosim.reduced.sections.figures import CENTER, FIGURES, INERTIA, WRENCH
 
 if TYPE_CHECKING:
@@ -27,49 +27,49 @@ if TYPE_CHECKING:
 _LINEAR_FIRST: Final = np.array([3, 4, 5, 0, 1, 2])
 
 
-class Servos(NamedTuple):
+class ServoCommands(NamedTuple):
     """What the servos are asked for in n ticks.
 
     Args:
         position: (n, joints) [rad].
         velocity: (n, joints) [rad/s].
         torque: (n, joints) [N m], feedforward without payload.
-        by_payload: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
+        payload_regressor: (n, joints, 10), its derivative by the payload's `inertial_parameters`; of none: zero.
     """
 
     position: Matrix
     velocity: Matrix
     torque: Matrix
-    by_payload: Blocks
+    payload_regressor: Blocks
 
     @classmethod
-    def knowing_no_payload(cls, position: Array, velocity: Array, torque: Array) -> Servos:
+    def without_payload(cls, position: Array, velocity: Array, torque: Array) -> ServoCommands:
         """Return (n, joints) each with a feedforward that is as it is, whatever hangs on the flange."""
         return cls(position, velocity, torque, np.zeros((*position.shape, 10)))
 
-    def row(self, k: int) -> ServoRow:
+    def row(self, k: int) -> ServoCommand:
         """Return the commands of tick k."""
-        return ServoRow(self.position[k], self.velocity[k], self.torque[k], self.by_payload[k])
+        return ServoCommand(self.position[k], self.velocity[k], self.torque[k], self.payload_regressor[k])
 
-    def some(self, first: int, end: int) -> Servos:
+    def some(self, first: int, end: int) -> ServoCommands:
         """Return the commands of some of the ticks."""
-        return Servos._make(map(itemgetter(slice(first, end)), self))
+        return ServoCommands._make(map(itemgetter(slice(first, end)), self))
 
 
-class ServoRow(NamedTuple):
-    """What the servos are asked for in one tick, see `Servos`.
+class ServoCommand(NamedTuple):
+    """What the servos are asked for in one tick, see `ServoCommands`.
 
     Args:
         position: (joints,) [rad].
         velocity: (joints,) [rad/s].
         torque: (joints,) [N m].
-        by_payload: (joints, 10).
+        payload_regressor: (joints, 10).
     """
 
     position: Array
     velocity: Array
     torque: Array
-    by_payload: Array
+    payload_regressor: Array
 
 
 def scene_columns(scene: CoupledScene) -> dict[str, Array]:
@@ -89,7 +89,7 @@ def scene_columns(scene: CoupledScene) -> dict[str, Array]:
 
 
 @final
-class TicksTaken(TickColumns):
+class TickLog(TickColumns):
     """How far both sides have come in one call, and what its ticks have left: columns with a row for each.
 
     Args:
@@ -100,8 +100,8 @@ class TicksTaken(TickColumns):
         self.arrays = arrays
         vars(self).update(arrays)  # found at once, without a look at the table
         self.parts: list[Sequence[Any]] = []
-        """Shapes of the film, each as `SoftSide.shape_now` returns it, some ticks together."""
-        self.pieces: dict[int, TickPieces] = {}
+        """Shapes of the film, each as `SoftRobot.current_shape` returns it, some ticks together."""
+        self.pieces: dict[int, SubstepRecord] = {}
         """Of ticks that were taken in pieces, by their rows."""
         self.done = 0
         """How many ticks have been taken; rows beyond the last one hold nothing."""
@@ -135,7 +135,7 @@ class TicksTaken(TickColumns):
             self.body_touch[k, loaded, 0] = bodies.pressing[loaded]
         scene.read_touch(self.body_touch[k])
 
-    def end_tick(self, reply: SoftReply, soft: SoftSide, figures: Array) -> None:
+    def end_tick(self, reply: SoftReply, soft: SoftRobot, figures: Array) -> None:
         """Fill the row of the tick in progress with what the soft side has answered; the next one follows.
 
         Args:
@@ -152,7 +152,7 @@ class TicksTaken(TickColumns):
         if films is not None:
             self.self_contacts[k], self.self_contact_force_N[k] = films.count, films.normal_force_N
             self.self_contact_depth_m[k] = films.depth_m
-        self.parts.append([soft.shape_now()])
+        self.parts.append([soft.current_shape()])
         self.done += 1
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -179,14 +179,14 @@ def rest_columns(found: Equilibrium, sizes: Mapping[str, int]) -> dict[str, NDAr
     return arrays
 
 
-def figures_of(soft: SoftSide, wrench: Wrench) -> Array:
+def figures_of(soft: SoftRobot, wrench: Wrench) -> Array:
     """Return the figures (FIGURES,) of a soft side with its wrench on the flange."""
     figures = np.empty(FIGURES)
     fill_figures(soft, wrench, figures)
     return figures
 
 
-def fill_figures(soft: SoftSide, wrench: Wrench, figures: Array) -> None:
+def fill_figures(soft: SoftRobot, wrench: Wrench, figures: Array) -> None:
     """Fill the figures (FIGURES,) of a soft side with its wrench on the flange."""
     figures[WRENCH : WRENCH + 3], figures[WRENCH + 3 : CENTER] = wrench.force, wrench.torque
     soft.fill_mass(figures)

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices import measurement, sensor
 from cosim.devices.build_controllers import build_holds
 from cosim.devices.cable_drive import CableDrive
@@ -113,7 +113,7 @@ class Actuation:
         for drive, tension in zip(self.cables, tension_N, strict=True):
             drive.state = drive.at_rest(tension)
 
-    def begin_phase(self, planned: PhasePlan, soft: SoftSide) -> None:
+    def begin_phase(self, planned: PhasePlan, soft: SoftRobot) -> None:
         """Begin a phase; commands do not change at this instant.
 
         Args:
@@ -137,7 +137,7 @@ class Actuation:
         self,
         planned: PhasePlan,
         gas: ChamberGas,
-        soft: SoftSide,
+        soft: SoftRobot,
         see: Callable[[], RobotState],
         reached: tuple[int, float],
     ) -> tuple[float, ...] | None:
@@ -189,7 +189,7 @@ class Actuation:
         stiffening = tuple(drive.spring[0] for drive in self.cables) if self._creep else ()
         return replace(planned, cable_tension_N=tension, cable_length_m=lengths, cable_stiffening=stiffening)
 
-    def report(self, soft: SoftSide, flange: Pose) -> ActuationReport | None:
+    def report(self, soft: SoftRobot, flange: Pose) -> ActuationReport | None:
         """Return the present values of devices; None without any.
 
         Args:
@@ -231,7 +231,7 @@ class Actuation:
             self.state = replace(self.state, started=(*self.state.started, name))
         return hold.tick(see)
 
-    def _work_pumps(self, gas: ChamberGas, soft: SoftSide, setpoints: list[float | None]) -> None:
+    def _work_pumps(self, gas: ChamberGas, soft: SoftRobot, setpoints: list[float | None]) -> None:
         volumes = soft.volumes_m3 if self.pumps else ()
         for pump, setpoint in zip(self.pumps, setpoints, strict=True):
             content = gas.content(pump.chamber)
@@ -244,7 +244,7 @@ class Actuation:
                 gas.set_gas(pump.chamber, pump.work(content, volumes[pump.chamber], self._tick_s, setpoint))
 
     def _measure(
-        self, gas: ChamberGas, soft: SoftSide, see: Callable[[], RobotState], name: str, wanted: Array | None
+        self, gas: ChamberGas, soft: SoftRobot, see: Callable[[], RobotState], name: str, wanted: Array | None
     ) -> Measurement:
         cables, setpoint = self.measured_cables(soft), self._setpoints[name]
         truth = replace(measurement.measured(soft, see(), gas, cables, setpoint=setpoint), tip_wanted=wanted)
@@ -253,7 +253,7 @@ class Actuation:
         through = self.sensors.through(truth, self._looks_through[name])
         return replace(through, sensors=self.sensors.readings)
 
-    def measured_cables(self, soft: SoftSide, tension_N: Sequence[float] | None = None) -> CableFigures:
+    def measured_cables(self, soft: SoftRobot, tension_N: Sequence[float] | None = None) -> CableFigures:
         """Return the fields of a measurement with values by cable.
 
         Args:

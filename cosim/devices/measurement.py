@@ -6,7 +6,7 @@ from typing import Final, TypedDict, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose, cross, length, rotations_from_quaternions
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices.cable_drive import CableDrive
 from cosim.devices.controller import Measurement, RobotState
 from cosim.plan.chamber_gas import ChamberGas
@@ -57,7 +57,7 @@ class CableFigures(TypedDict):
 
 
 def measured(
-    soft: SoftSide,
+    soft: SoftRobot,
     robot: RobotState,
     gas: ChamberGas,
     cables: CableFigures,

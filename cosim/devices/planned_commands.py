@@ -5,7 +5,7 @@ from typing import Any, final
 
 from cosim.base.frames import Pose
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices import command_source, sensor
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.devices.controller import RobotState
@@ -34,7 +34,7 @@ class PlannedCommands(command_source.CommandSource):
     actuation: Actuation
     """Devices of the scenario."""
 
-    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, actuation: Actuation) -> None:
+    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftRobot, actuation: Actuation) -> None:
         self._plan, self._soft, self.actuation = plan, soft, actuation
         self._tick_s = None if scenario.mode == "quasistatic" else scenario.clock.tick_s
         self.gas = ChamberGas(scenario.gas)

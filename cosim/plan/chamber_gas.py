@@ -10,7 +10,7 @@ import numpy as np
 from cosim.base.state_checks import check_indices
 from cosim.config.gas_rules import GasRule
 from cosim.config.schema.settings import GasTable
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.plan.commands import CommandRamp, SoftCommand
 from cosim.soft.body.loads import between
 from cosim.soft.elements.gas import SealedGas, exchange, leak
@@ -68,7 +68,7 @@ class ChamberGas:
             check_indices(np.array(orifice[:2]), len(state.rules), "chambers")
         self._state, self._ramp = state, None
 
-    def begin(self, rules: tuple[GasRule, ...], soft: SoftSide) -> None:
+    def begin(self, rules: tuple[GasRule, ...], soft: SoftRobot) -> None:
         """Begin a phase: seal chambers at their present pressure, or open them; the pressures do not change.
 
         Args:
@@ -149,7 +149,7 @@ class ChamberGas:
         sealed = self._state.sealed
         return sealed.count(None) < len(sealed)
 
-    def advance(self, soft: SoftSide, step_s: float) -> None:
+    def advance(self, soft: SoftRobot, step_s: float) -> None:
         """Advance leaks and flows through orifices by a time step, at the present volumes.
 
         Args:

@@ -6,7 +6,7 @@ from typing import final
 from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.config.gas_rules import GasRule
 from cosim.config.schema.phase import PhaseTable
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.plan.commands import SoftCommand
 from cosim.plan.joint_path import JointPath
 from cosim.plan.tip_errors import PlannedTipPath
@@ -25,12 +25,12 @@ class Holding:
     release: IntArray
     hold: Mask
 
-    def apply(self, soft: SoftSide, world_from_flange: Pose) -> None:
+    def apply(self, soft: SoftRobot, world_from_flange: Pose) -> None:
         """Change the held nodes of a soft side, at their present positions."""
         if len(self.release):
-            soft.let_go(self.release)
+            soft.release(self.release)
         if self.hold.any():
-            soft.hold_also(self.hold, world_from_flange)
+            soft.hold_components(self.hold, world_from_flange)
 
 
 @final

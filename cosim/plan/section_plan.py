@@ -12,7 +12,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.errors import ConvergenceError, OutOfRangeError, ScenarioError
 from cosim.plan import ramp, static_plan
 from cosim.plan.chamber_gas import ChamberGas
@@ -40,7 +40,9 @@ _MOVED_BY: Final = (
 _DRIVEN_BY: Final = ("cable_length_m", "cable_shortening_m", "control", "pump_pressure_Pa")
 
 
-def section_range(scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | None, touched: bool) -> Decision:
+def section_range(
+    scenario: Scenario, plan: Plan, soft: SoftRobot, arm: Arm | None, touched: bool
+) -> Decision:
     """Return whether the soft arm stays within its model's range, as far as the plan determines its shape.
 
     Args:
@@ -68,7 +70,7 @@ def section_range(scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | Non
 class _Walk:
     """Solves the arm's equilibria through a plan."""
 
-    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftSide, arm: Arm | None) -> None:
+    def __init__(self, scenario: Scenario, plan: Plan, soft: SoftRobot, arm: Arm | None) -> None:
         self._plan, self._soft, self._arm = plan, soft, arm
         self._commanded = bool(scenario.commands)
         self._dynamic = scenario.mode == "dynamic"
@@ -101,7 +103,7 @@ class _Walk:
             here = static_plan.start_equilibrium(self._soft, plan.start, loads_of(plan.command, plan.gravity))
         except OutOfRangeError as error:
             raise ScenarioError("start", _refusal(f"the arm is{_RANGE}{error.place}")) from error
-        self._soft.settle(here)
+        self._soft.commit(here)
         return here
 
     def _phase(self, planned: PhasePlan, here: Equilibrium) -> Equilibrium:
@@ -111,7 +113,7 @@ class _Walk:
         still = planned.joints.spline is None and planned.begin is planned.end and not self._gas.flows
         for fraction in np.linspace(0.0, 1.0, 1 if still else _PIECES + 1).tolist():
             here = self._at(planned, here, fraction)
-            self._soft.settle(here)
+            self._soft.commit(here)
         return here
 
     def _at(

@@ -12,7 +12,7 @@ from cosim.config.gas_rules import gas_rules
 from cosim.config.schema.named_values import values_after
 from cosim.config.schema.phase import PhaseTable, StartTable
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.errors import ScenarioError, SolverError, UnreachableError
 from cosim.plan.chamber_gas import ChamberGas
 from cosim.plan.commands import SoftCommand, loads_of
@@ -47,7 +47,7 @@ class PhaseMotion:
 
 
 def solved_phase(
-    soft: SoftSide, here: Equilibrium, phase: PhaseTable, loads: Loads, air_drag_per_s: float | None
+    soft: SoftRobot, here: Equilibrium, phase: PhaseTable, loads: Loads, air_drag_per_s: float | None
 ) -> PhaseMotion:
     """Return the flange's motion through a phase and the equilibrium at its end.
 
@@ -130,9 +130,9 @@ def start_command(start: StartTable, body: SoftBody) -> SoftCommand:
 
 
 def start_equilibrium(
-    soft: SoftSide, flange: Pose, loads: Loads, hung: Equilibrium | None = None
+    soft: SoftRobot, flange: Pose, loads: Loads, hung: Equilibrium | None = None
 ) -> Equilibrium:
-    """Return the equilibrium before the first phase: first without pressure, then loaded; see `SoftSide`.
+    """Return the equilibrium before the first phase: first without pressure, then loaded; see `SoftRobot`.
 
     Raises:
         ConvergenceError: no equilibrium was found near the drawn shape.
@@ -162,7 +162,7 @@ def solved_count(scenario: Scenario) -> int:
     return 1 + max((k for k, phase in enumerate(scenario.phases) if phase.tip_key is not None), default=-1)
 
 
-def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
+def solved_phases(scenario: Scenario, soft: SoftRobot) -> SolvedPhases:
     """Return the phases whose ends depend on the soft body, and those between them.
 
     Args:
@@ -178,7 +178,7 @@ def solved_phases(scenario: Scenario, soft: SoftSide) -> SolvedPhases:
     command, start = start_command(scenario.start, soft.body), pose_of(scenario.start.flange)
     here, drafts = start_equilibrium(soft, start, loads_of(command, gravity)), list[PhaseDraft]()
     gas = ChamberGas(scenario.gas)
-    soft.settle(here)
+    soft.commit(here)
     for phase, rule in zip(scenario.phases[: solved_count(scenario)], gas_rules(scenario), strict=False):
         holding = _holding(soft.body, sides, phase)
         holding.apply(soft, here.world_from_flange)
@@ -217,10 +217,10 @@ def all_drafts(scenario: Scenario, solved: SolvedPhases | None, body: SoftBody) 
 
 
 def _leaked(
-    soft: SoftSide, here: Equilibrium, gas: ChamberGas, phase: PhaseTable, command: SoftCommand
+    soft: SoftRobot, here: Equilibrium, gas: ChamberGas, phase: PhaseTable, command: SoftCommand
 ) -> tuple[Equilibrium, SoftCommand]:
     """Return equilibrium and command at the end of a phase, after the leaks and flows of gas in its time."""
-    soft.settle(here)
+    soft.commit(here)
     for _ in range(_LEAK_PIECES if gas.flows else 0):
         gas.advance(soft, (phase.duration_s + phase.settle_s) / _LEAK_PIECES)
         command = gas.filled(command.unsealed())
@@ -228,7 +228,7 @@ def _leaked(
             here = soft.follow(here, here.world_from_flange, loads_of(command, here.loads.gravity))
         except SolverError as error:
             raise ScenarioError(f"phase.{phase.name}", f"the static plan fails: {error}") from error
-        soft.settle(here)
+        soft.commit(here)
     return here, command
 
 

@@ -16,7 +16,7 @@ from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, Pose, rotation_from_quaternion, rotation_from_vector
 from cosim.base.tip_course import CourseInstant, TipCourse
 from cosim.config.schema.phase import TipPathTable
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.errors import CosimError, InputError, SolverError, UnreachableError
 from cosim.plan.straight_arm import StraightArm
 from cosim.plan.tip_errors import PlannedTipPath, TipErrors, tip_distances
@@ -91,7 +91,7 @@ class FollowedPath:
 
 
 def follow_path(
-    soft: SoftSide, begin: Equilibrium, loads: Loads, path: TipPathTable, air_drag_per_s: float | None
+    soft: SoftRobot, begin: Equilibrium, loads: Loads, path: TipPathTable, air_drag_per_s: float | None
 ) -> FollowedPath:
     """Return the flange's motion along a path, and the equilibrium that it ends in.
 
@@ -132,7 +132,7 @@ class _Trip:
     """
 
     def __init__(
-        self, soft: SoftSide, course: TipCourse, begin: Loads, end: Loads, air_drag_per_s: float | None
+        self, soft: SoftRobot, course: TipCourse, begin: Loads, end: Loads, air_drag_per_s: float | None
     ) -> None:
         self.course = course
         self._soft = soft
@@ -238,7 +238,7 @@ def _straight_at(begin: Equilibrium, instants: CourseInstant) -> StraightArm:
 
 
 def _onto(
-    soft: SoftSide, here: Equilibrium, before: CourseInstant, after: CourseInstant, loads: Loads
+    soft: SoftRobot, here: Equilibrium, before: CourseInstant, after: CourseInstant, loads: Loads
 ) -> Equilibrium:
     """Return the equilibrium with the tip on the target of the next instant."""
     turn, pose = np.eye(3), here.world_from_flange
@@ -249,7 +249,7 @@ def _onto(
     return soft.find_flange_pose(found, TipTarget(after.position, after.direction), _CLOSELY)
 
 
-def _begin_tip(soft: SoftSide, begin: Equilibrium, instants: CourseInstant) -> TipFrame:
+def _begin_tip(soft: SoftRobot, begin: Equilibrium, instants: CourseInstant) -> TipFrame:
     """Return the tip at the start.
 
     Raises:

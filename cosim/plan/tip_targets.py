@@ -3,7 +3,7 @@
 import numpy as np
 
 from cosim.config.schema.phase import TipTargetTable
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.errors import InputError, UnreachableError
 from cosim.plan.flange_motion import FlangeMotion
 from cosim.plan.straight_arm import StraightArm
@@ -20,7 +20,7 @@ _SEARCHES = 3
 _ON_TARGET = TargetOptions(position_tolerance_m=1e-4, angle_tolerance_rad=1e-3)
 
 
-def walk(soft: SoftSide, begin: Equilibrium, way: FlangeMotion, loads: Loads, finer: int = 1) -> Equilibrium:
+def walk(soft: SoftRobot, begin: Equilibrium, way: FlangeMotion, loads: Loads, finer: int = 1) -> Equilibrium:
     """Return the equilibrium at the end of a slow motion.
 
     Args:
@@ -42,7 +42,7 @@ def walk(soft: SoftSide, begin: Equilibrium, way: FlangeMotion, loads: Loads, fi
 
 
 def reach(
-    soft: SoftSide, begin: Equilibrium, loads: Loads, target: TipTargetTable
+    soft: SoftRobot, begin: Equilibrium, loads: Loads, target: TipTargetTable
 ) -> tuple[FlangeMotion, Equilibrium]:
     """Return the flange's motion to a target, and the equilibrium at its end.
 
@@ -87,7 +87,7 @@ def wanted_tip(target: TipTargetTable) -> search.TipTarget:
 
 
 def _search(
-    soft: SoftSide, here: Equilibrium, target: TipTargetTable, wanted: search.TipTarget
+    soft: SoftRobot, here: Equilibrium, target: TipTargetTable, wanted: search.TipTarget
 ) -> Equilibrium:
     if target.reach_with == "cables":
         return soft.find_tensions(here, wanted)

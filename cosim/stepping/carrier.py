@@ -12,8 +12,8 @@ from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, Pose, Twist, Wrench
 from cosim.base.solid import BodyShape
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.soft_sides.soft_side import SoftSide
-from cosim.coupling.ticks import Servos, TicksTaken, figures_of, sizes_of
+from cosim.coupling.robots.soft_robot import SoftRobot
+from cosim.coupling.ticks import ServoCommands, TickLog, figures_of, sizes_of
 from cosim.errors import SolverError
 from cosim.plan.joint_path import JointPath, JointReference
 from cosim.plan.static_plan import AnyFlangeMotion
@@ -127,7 +127,7 @@ class Carrier(ABC):
         return NOTHING_TOUCHED
 
     def linear_rigid_step(self) -> Array:
-        """Return the rigid step of a tick to first order, see `rigid_slopes`.
+        """Return the rigid step of a tick to first order, see `rigid_jacobian`.
 
         Raises:
             InputError: the exchange has none.
@@ -152,7 +152,7 @@ class Carrier(ABC):
         return False
 
     @abstractmethod
-    def servos(self, references: JointReference) -> Servos:
+    def servos(self, references: JointReference) -> ServoCommands:
         """Return what the servos are asked for at n instants."""
 
     @abstractmethod
@@ -204,12 +204,12 @@ class Carrier(ABC):
         """Return what a film (n, 3) [m] begins deep inside of, see `CoupledScene`; empty for nothing."""
         return ""
 
-    def begin_with_others(self, servos: Servos) -> None:
+    def begin_with_others(self, servos: ServoCommands) -> None:
         """Begin a tick, whose rigid step is then taken for several arms at once, ahead of `advance`."""
         raise NotImplementedError("no other arm is in the scene")
 
     @abstractmethod
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         """Advance carrier and soft robot by up to n ticks; see `Coupling.advance`."""
 
 
@@ -235,7 +235,7 @@ class HeldBase(Carrier):
         tick_s: of the lockstep clock [s].
     """
 
-    def __init__(self, soft: SoftSide, world_from_flange: Pose, tick_s: float) -> None:
+    def __init__(self, soft: SoftRobot, world_from_flange: Pose, tick_s: float) -> None:
         self._soft, self._pose, self._tick_s = soft, world_from_flange, tick_s
         self._room = room_for(TickColumns, sizes_of(joints=0, bodies=0, chambers=len(soft.pressures_Pa)))
         self.state = HeldBaseState(Wrench())
@@ -270,12 +270,12 @@ class HeldBase(Carrier):
     def parts(self) -> dict[str, Any]:
         return {"base": self}
 
-    def servos(self, references: JointReference) -> Servos:
-        return Servos.knowing_no_payload(*[np.zeros_like(references.position)] * 3)
+    def servos(self, references: JointReference) -> ServoCommands:
+        return ServoCommands.without_payload(*[np.zeros_like(references.position)] * 3)
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         """Advance by one tick: each takes long."""
-        taken = TicksTaken(self._room(1))
+        taken = TickLog(self._room(1))
         taken.flange_position[0], taken.flange_rotation[0] = self._pose.translation, self._pose.rotation
         reply = self._soft.advance(self._pose, loads[0], self._tick_s)
         self.state = HeldBaseState(reply.wrench)

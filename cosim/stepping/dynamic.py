@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Pose
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoCommands, TickLog
 from cosim.devices.command_source import CommandsAhead, StepToTake
 from cosim.errors import InstabilityError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, Footing
+from cosim.soft.solve.branching import LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, StabilityReport
 from cosim.stepping.parts import Parts
 from cosim.stepping.stepped_run import Cursor, SteppedRun
 from cosim.telemetry.film_shapes import FilmShapes
@@ -46,7 +46,7 @@ class _Asked:
 
     phase: int
     first: int
-    servos: Servos
+    servos: ServoCommands
     loads: Sequence[Loads]
     ahead: bool
 
@@ -178,7 +178,7 @@ class DynamicSimulation(SteppedRun):
 
     def film_now(self) -> Array:
         """Return the nodes (n, 3) [m] of the film after the last tick."""
-        return self._parts.shape_reader.positions(self.soft.shape_now())
+        return self._parts.shape_reader.positions(self.soft.current_shape())
 
     def begin_tick(self) -> None:
         """Begin the next tick, whose rigid step is then taken for several arms at once."""
@@ -217,7 +217,7 @@ class DynamicSimulation(SteppedRun):
         loads = [parts.loads(command) for command in commands.soft]
         return _Asked(to.phase, to.done, parts.carrier.servos(commands.joints), loads, ahead)
 
-    def _link_contacts(self, taken: TicksTaken, first: int) -> "dict[int, tuple[LinkContact, ...]]":
+    def _link_contacts(self, taken: TickLog, first: int) -> "dict[int, tuple[LinkContact, ...]]":
         """Return what the arm's links touch in ticks from the first one on, by row."""
         search, seen = self._parts.carrier.link_contacts_in, self._parts.looks_at_links(first, taken.done)
         places = taken.joint_position, taken.body_position, taken.body_quaternion
@@ -225,7 +225,7 @@ class DynamicSimulation(SteppedRun):
         return {k: contacts for k, contacts in found.items() if contacts}
 
     def _undecided(
-        self, taken: TicksTaken, asked: _Asked, to: Cursor, known: tuple[dict[int, Footing], list[int]]
+        self, taken: TickLog, asked: _Asked, to: Cursor, known: tuple[dict[int, StabilityReport], list[int]]
     ) -> dict[int, tuple[Branching, ...]]:
         """Return in which directions the soft robot would give way, if it was at rest, after some ticks.
 
@@ -245,7 +245,7 @@ class DynamicSimulation(SteppedRun):
         for row in {*regular, *sudden} - ends.keys():
             if not taken.contacts[row]:
                 flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
-                found[row] = soft.undecided(taken.shapes[row], flange, asked.loads[row])
+                found[row] = soft.find_instability(taken.shapes[row], flange, asked.loads[row])
         large: dict[int, tuple[Branching, ...]] = {
             row: (
                 replace(
@@ -262,7 +262,7 @@ class DynamicSimulation(SteppedRun):
             self._state = replace(self._state, undecided_in=to.phase)
         return large
 
-    def _sudden(self, taken: TicksTaken, film: FilmShapes) -> list[int]:
+    def _sudden(self, taken: TickLog, film: FilmShapes) -> list[int]:
         """Return the ticks in which the tip, seen from the flange, has become much faster than before."""
         if self._parts.scenario.fidelity == "rigid":  # its tip stays where it is
             return []
@@ -272,32 +272,34 @@ class DynamicSimulation(SteppedRun):
         self._state = replace(self._state, speed=speed)
         return rows
 
-    def _overlaps(self, taken: TicksTaken, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
+    def _overlaps(self, taken: TickLog, to: Cursor) -> dict[int, tuple[FilmOverlap, ...]]:
         """Return where films are in one another, or in links of the arm, after some ticks."""
         rows, joints = self._looked_at(to, taken.done), taken.joint_position
         return {row: self._parts.overlaps(taken.shapes[row], joints[row]) for row in rows}
 
-    def _footing(self, taken: TicksTaken, asked: _Asked, to: Cursor) -> dict[int, Footing]:
+    def _footing(self, taken: TickLog, asked: _Asked, to: Cursor) -> dict[int, StabilityReport]:
         """Return how firmly the soft robot stands at the end of a phase, where it touches nothing."""
         row = self._counts[to.phase] - to.done
         if row != taken.done - 1 or taken.contacts[row]:
             return {}
         soft, here = self._parts.soft, taken.shapes[row]
         flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
-        found = soft.footing(here, flange, asked.loads[row])
+        found = soft.assess_stability(here, flange, asked.loads[row])
         return {} if found is None else {row: found}
 
-    def _rests(self, ends: dict[int, Footing], taken: TicksTaken, asked: _Asked) -> dict[int, Footing]:
+    def _rests(
+        self, ends: dict[int, StabilityReport], taken: TickLog, asked: _Asked
+    ) -> dict[int, StabilityReport]:
         """Return how firmly it stands with where it comes to rest, if nothing has decided on its side."""
         found = dict(ends)
         for row, footing in ends.items():
             if self._state.undecided_in == asked.phase:
                 flange = Pose(taken.flange_rotation[row], taken.flange_position[row])
-                rests = self._parts.soft.rests_at(taken.shapes[row], flange, asked.loads[row])
+                rests = self._parts.soft.find_rest_tip(taken.shapes[row], flange, asked.loads[row])
                 found[row] = replace(footing, rests_at_m=rests)
         return found
 
-    def _shown(self, taken: TicksTaken, asked: _Asked, to: Cursor, began: float) -> TickBatch:
+    def _shown(self, taken: TickLog, asked: _Asked, to: Cursor, began: float) -> TickBatch:
         """Return what ticks show, the first of which ends at `to`."""
         n, parts = taken.done, self._parts
         film = FilmShapes(parts.shape_reader, taken.shapes)

@@ -13,7 +13,7 @@ from cosim.base.columns import TickColumns
 from cosim.base.frames import Array, Pose, read_only
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.coupling.ticks import rest_columns, sizes_of
 from cosim.devices.command_source import SteeredCommands, StepToTake
 from cosim.devices.controller import Measurement, RobotState
@@ -102,7 +102,7 @@ _MOST: Final = 4  # a state holds a factorisation, which of a fine mesh takes te
 
 
 def brought_to_rest(
-    kept: KeptParts, model_name: str, soft: SoftSide, flange: Pose, loads: Loads
+    kept: KeptParts, model_name: str, soft: SoftRobot, flange: Pose, loads: Loads
 ) -> Equilibrium:
     """Bring a soft side to its equilibrium before the first phase, and return that.
 
@@ -128,7 +128,7 @@ def brought_to_rest(
         if state is not None:
             soft.full_state = state
         found = static_plan.start_equilibrium(soft, flange, loads, begin)
-        soft.settle(found)
+        soft.commit(found)
         return found, soft.full_state
 
     found, state = kept.made("state at rest", name_of(model_name, flange, loads), settled, _MOST)
@@ -158,7 +158,7 @@ class Parts:
         scenario: Scenario,
         plan: Plan,
         carrier: Carrier,
-        soft: SoftSide,
+        soft: SoftRobot,
         commands: SteeredCommands,
         brought_to_rest: Callable[[Pose, Loads], Equilibrium],
     ) -> None:
@@ -186,7 +186,7 @@ class Parts:
         """Return where films are in one another, or in links of the arm.
 
         Args:
-            shape: of `SoftSide.shape_now`.
+            shape: of `SoftRobot.current_shape`.
             joints: (joints,) [rad].
         """
         positions = self.shape_reader.positions(shape)
@@ -276,5 +276,5 @@ class Parts:
         looks = bool(self.looks_at_links(given["tick"], 1))
         rare["link_contacts"] = carrier.link_contacts(among_links=looks)
         columns["tick_wall_s"] = np.array([time.perf_counter() - began])
-        film, some = FilmShapes(self.shape_reader, [soft.shape_now()]), rare.items()
+        film, some = FilmShapes(self.shape_reader, [soft.current_shape()]), rare.items()
         return TickBatch(columns, film, (devices,), **{name: {0: found} for name, found in some if found})

@@ -119,7 +119,7 @@ class QuasistaticSimulation(SteppedRun):
         super().__init__(parts, stage, [phase.increments for phase in phases])
         self._ends_s = list(accumulate(phase.duration_s + phase.settle_s for phase in phases))
         self._state: QuasistaticState | None = None
-        parts.soft.stand_against(parts.carrier.obstacles())
+        parts.soft.set_obstacles(parts.carrier.obstacles())
 
     def _without_history(self, here: Equilibrium) -> QuasistaticState:
         """Return the state at the start of a phase."""
@@ -209,12 +209,12 @@ class QuasistaticSimulation(SteppedRun):
             "contact_depth_m": touched.depth_m,
             "body_contact_force": touched.on_each(len(carrier.body_names)),
         }
-        shape, looks, ends = soft.shape_now(), self._looked_at(to, 1), to.done == self._counts[to.phase]
+        shape, looks, ends = soft.current_shape(), self._looked_at(to, 1), to.done == self._counts[to.phase]
         return parts.at_rest(
             here, given, began,
             branchings=self._branchings(to, here.branchings),
             overlaps=parts.overlaps(shape, carrier.joint_position) if looks else (),
-            footing=soft.footing(shape, flange, here.loads) if ends else None,
+            footing=soft.assess_stability(shape, flange, here.loads) if ends else None,
         )  # fmt: skip
 
     def _branchings(self, to: Cursor, passed: tuple[Branching, ...]) -> tuple[Branching, ...]:
@@ -239,7 +239,7 @@ class QuasistaticSimulation(SteppedRun):
         carrier.track(reference, next_of(deflections))
         pose = carrier.flange_pose
         try:
-            found = soft.leave(here, soft.solve(here.state, pose, loads, pose.apply(next_of(shapes))))
+            found = soft.switch_branch(here, soft.solve(here.state, pose, loads, pose.apply(next_of(shapes))))
             spent = found.iterations
         except ConvergenceError as error:
             carrier.track(reference, deflections[-1])
@@ -256,7 +256,7 @@ class QuasistaticSimulation(SteppedRun):
         """
         carrier, soft, relaxed = self._parts.carrier, self._parts.soft, RelaxedWrench()
         for _ in range(_DROOP_ROUNDS_MAX):
-            soft.settle(found)
+            soft.commit(found)
             if not carrier.relax_under(reference, relaxed.next(found.wrench)):
                 return found, spent
             last, before = found, found.world_from_flange
@@ -300,4 +300,4 @@ def _mean_motion(
     twist = Twist((new.translation - old.translation) / span_s, turn / span_s)
     displacement = after.state.positions - before.state.positions
     velocity = (parts.carrier.joint_position - joints) / span_s
-    return _Motion(twist, velocity, parts.soft.work_taken_in(displacement) / span_s)
+    return _Motion(twist, velocity, parts.soft.supplied_work(displacement) / span_s)

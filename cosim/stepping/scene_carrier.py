@@ -13,13 +13,13 @@ from cosim.base.state_checks import check_state
 from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
+from cosim.coupling.robots.soft_robot import MassProperties, SoftRobot
 from cosim.coupling.schemes import iterated
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.rigid_slopes import rigid_slopes
+from cosim.coupling.schemes.rigid_jacobian import rigid_jacobian
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.soft_side import MassProperties, SoftSide
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoCommands, TickLog
 from cosim.errors import InputError, SolverError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inertial_parameters import inertial_parameters
@@ -42,7 +42,9 @@ class SceneCarrier(Carrier):
         contact: law of the soft robot's contact with the scene; None for no contact.
     """
 
-    def __init__(self, scene: coupled_scene.CoupledScene, soft: SoftSide, contact: ContactLaw | None) -> None:
+    def __init__(
+        self, scene: coupled_scene.CoupledScene, soft: SoftRobot, contact: ContactLaw | None
+    ) -> None:
         self._coupled, self._soft, self._contact_law = scene, soft, contact
         self._coupling: Coupling | None = None
 
@@ -93,7 +95,7 @@ class SceneCarrier(Carrier):
     def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> Coupling:
         """Return the scheme of the exchange, with what the soft side exerts on the flange at its start."""
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         assert self._coupling is not None, "couple() comes before advance()"
         return self._coupling.advance(servos, loads)
 
@@ -147,7 +149,7 @@ class ArmCarrier(SceneCarrier):
         self,
         arm: Arm,
         scene: RigidScene,
-        soft: SoftSide,
+        soft: SoftRobot,
         payload_compensation: bool,
         contact: ContactLaw | None = None,
         mounted: MassProperties | None = None,
@@ -193,11 +195,11 @@ class ArmCarrier(SceneCarrier):
         if coupling.interface.touched.count:
             raise InputError("a linear model has no contact; move the soft robot off all bodies")
 
-        def servos(position: Array, velocity: Array) -> Servos:
+        def servos(position: Array, velocity: Array) -> ServoCommands:
             still = np.zeros((1, len(position)))
             return self.servos(JointReference(position[None], velocity[None], still))
 
-        return rigid_slopes(coupling.interface, coupling.carried(), servos, self._scene.servo_reference)
+        return rigid_jacobian(coupling.interface, coupling.carried(), servos, self._scene.servo_reference)
 
     @property
     def sliding(self) -> tuple[bool, ...]:
@@ -290,7 +292,7 @@ class ArmCarrier(SceneCarrier):
         interface = Interface(self._coupled, self._soft, wrench, contact, mounted)
         return make_coupling(self._exchange, interface)
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         taken = super().advance(servos, loads)
         if taken.done:
             mounted_load = taken.mounted_load[taken.done - 1].copy()
@@ -300,7 +302,7 @@ class ArmCarrier(SceneCarrier):
     def parts(self) -> dict[str, Any]:
         return {**super().parts(), "arm": self}
 
-    def servos(self, references: JointReference) -> Servos:
+    def servos(self, references: JointReference) -> ServoCommands:
         position, velocity = references.position, references.velocity
         acceleration = references.acceleration
         new, row = references.distinct()
@@ -311,7 +313,7 @@ class ArmCarrier(SceneCarrier):
             by_payload = np.zeros_like(by_payload)
         # MuJoCo's speeds are ways over a tick, those of its middle; position and force are of its begin
         speed = velocity + 0.5 * self._scene.tick_s * acceleration
-        return Servos(position, speed, torque[row], by_payload[row])
+        return ServoCommands(position, speed, torque[row], by_payload[row])
 
     def _payload(self) -> Payload | None:
         """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""
@@ -337,7 +339,7 @@ class SharedArm(ArmCarrier):
         super().set_configuration(joints)
         self._shared.flange.moved()
 
-    def begin_with_others(self, servos: Servos) -> None:
+    def begin_with_others(self, servos: ServoCommands) -> None:
         assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
         self._coupling.begin()
         self._shared.begin_tick()
@@ -345,7 +347,7 @@ class SharedArm(ArmCarrier):
         feedforward = self._coupling.interface.feedforward(asked)
         self._scene.set_control(asked.position, asked.velocity, feedforward)
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         self._shared.end_tick()
         with self._shared.lent():
             return super().advance(servos, loads)
@@ -369,7 +371,7 @@ def exchange_report(settings: CouplingTable) -> str:
     return f"iterated: every tick repeated until the loads agree to {settings.tolerance:g}"
 
 
-_NO_SERVOS: Final = Servos.knowing_no_payload(*[np.zeros((1, 0))] * 3)
+_NO_SERVOS: Final = ServoCommands.without_payload(*[np.zeros((1, 0))] * 3)
 
 
 @final
@@ -382,7 +384,7 @@ class HostCarrier(SceneCarrier):
         contact: law of the soft robot's contact with the scene; None for no contact.
     """
 
-    def __init__(self, scene: host_scene.HostScene, soft: SoftSide, contact: ContactLaw | None) -> None:
+    def __init__(self, scene: host_scene.HostScene, soft: SoftRobot, contact: ContactLaw | None) -> None:
         super().__init__(scene, soft, contact)
         self._scene = scene
 
@@ -419,7 +421,7 @@ class HostCarrier(SceneCarrier):
     def track(self, reference: Array, deflection: Array) -> None:
         pass
 
-    def servos(self, references: JointReference) -> Servos:
+    def servos(self, references: JointReference) -> ServoCommands:
         return _NO_SERVOS
 
     @property
@@ -437,12 +439,12 @@ class HostCarrier(SceneCarrier):
         self._staggered.begin()
         self._scene.begin_tick()
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         self._scene.end_tick()
         with self._scene.lent():
             return super().advance(servos, loads)
 
-    def end(self, loads: Loads) -> TicksTaken:
+    def end(self, loads: Loads) -> TickLog:
         """End a tick: the soft robot moves to where the flange has come, under loads at the end of the tick.
 
         Raises:

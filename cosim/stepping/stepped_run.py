@@ -10,7 +10,7 @@ from typing import Any, Final, final
 from cosim.base.frames import Pose
 from cosim.base.state import restore_states, states_of
 from cosim.base.state_checks import KnownStates, check_state, check_states
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices.controller import Command, Measurement
 from cosim.errors import InputError, SolverError
 from cosim.plan.decision import CONTACT, Choices
@@ -107,7 +107,7 @@ class SteppedRun(ABC):
         return self._parts.plan
 
     @property
-    def soft(self) -> SoftSide:
+    def soft(self) -> SoftRobot:
         """The soft side that is stepped."""
         return self._parts.soft
 

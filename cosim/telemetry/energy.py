@@ -26,12 +26,12 @@ from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.kernel_types import Blocks, IndexTable, Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel
 from cosim.base.names import TERMS, WORKS
-from cosim.coupling.film_figures import TickPieces
+from cosim.coupling.shape_figures import SubstepRecord
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve.state import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
 
-Pieces: TypeAlias = Mapping[int, TickPieces]
+Pieces: TypeAlias = Mapping[int, SubstepRecord]
 """Of ticks that were taken in pieces, by row."""
 DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(KINETIC + 1, KINETIC + 7)
 _ELASTIC_S: Final = 0.1

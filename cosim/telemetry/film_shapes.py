@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, read_only
-from cosim.coupling.film_figures import ShapeFigures
+from cosim.coupling.shape_figures import ShapeFigures
 
 if TYPE_CHECKING:
-    from cosim.coupling.soft_sides.shape_reader import ShapeReader
+    from cosim.coupling.robots.shape_reader import ShapeReader
 
 
 @final

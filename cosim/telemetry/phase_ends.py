@@ -27,7 +27,7 @@ class PhaseEnd:
     Args:
         phase: its index.
         tick: count of ticks there.
-        state: of the soft side, see `SoftSide.end_state`.
+        state: of the soft side, see `SoftRobot.end_state`.
         why_not: why figures there have no error bar; empty where nothing that the run has seen is against it.
     """
 

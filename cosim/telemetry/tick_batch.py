@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from cosim.base.column import listing_columns
 from cosim.base.columns import TickRow, TickTable
 from cosim.base.frames import IntArray, Pose, Wrench, read_only
-from cosim.coupling.film_figures import TickPieces
+from cosim.coupling.shape_figures import SubstepRecord
 from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.camera_image import CameraImage
 from cosim.telemetry.film_shapes import FilmShapes
 
 if TYPE_CHECKING:  # who only looks at batches needs no kernels
     from cosim.base.solid import LinkContact
-    from cosim.soft.solve.branching import Branching, FilmOverlap, Footing
+    from cosim.soft.solve.branching import Branching, FilmOverlap, StabilityReport
 
 _BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "images", "pieces")
 """What few ticks have: by the rows of those."""
@@ -45,7 +45,7 @@ class TickBatch(TickTable):
         footing: of the soft robot, by row, at ends of phases.
         images: of cameras, by row; rows left out have none.
         pieces: of ticks that were taken in pieces, by row.
-        ends: of phases, by row: states of the soft side, see `SoftSide.end_state`.
+        ends: of phases, by row: states of the soft side, see `SoftRobot.end_state`.
     """
 
     arrays: Mapping[str, NDArray[Any]]
@@ -54,9 +54,9 @@ class TickBatch(TickTable):
     link_contacts: Mapping[int, tuple[LinkContact, ...]] = field(default_factory=dict)
     branchings: Mapping[int, tuple[Branching, ...]] = field(default_factory=dict)
     overlaps: Mapping[int, tuple[FilmOverlap, ...]] = field(default_factory=dict)
-    footing: Mapping[int, Footing] = field(default_factory=dict)
+    footing: Mapping[int, StabilityReport] = field(default_factory=dict)
     images: Mapping[int, tuple[CameraImage, ...]] = field(default_factory=dict)
-    pieces: Mapping[int, TickPieces] = field(default_factory=dict)
+    pieces: Mapping[int, SubstepRecord] = field(default_factory=dict)
     ends: Mapping[int, Any] = field(default_factory=dict)
 
     @classmethod
@@ -169,7 +169,7 @@ class Snapshot(TickRow):
         return self.table.overlaps.get(0, ())
 
     @property
-    def footing(self) -> Footing | None:
+    def footing(self) -> StabilityReport | None:
         """How firmly the soft robot stands, at the end of a phase; None where it is not known."""
         return self.table.footing.get(0)
 

@@ -23,7 +23,7 @@ from cosim.build import section_models
 from cosim.build.soft_model import SoftModel
 from cosim.cli.main import main
 from cosim.config.loading import load_scenario, scenario_text
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.body.loads import Loads
 from tests.small_section import FRAMED, framed_section, on_a_ur5e
 
@@ -100,7 +100,7 @@ def test_the_bar_of_the_mesh_is_a_multiple_of_what_refining_it_changes(arm: Path
 def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
     model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
     side = model.side()
-    assert isinstance(side, SoftArm)
+    assert isinstance(side, FilmRobot)
     mesh, flange = FinerMesh(side.body, model.refined(1)), side.full_state.flange
     less, more = (
         side.start(flange, Loads((pressure_Pa,), (), (0.0, 0.0, 0.0))) for pressure_Pa in (200.0, 2e3)
@@ -117,7 +117,7 @@ def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
 def test_a_difference_that_folds_films_is_not_taken_along() -> None:
     model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
     side = model.side()
-    assert isinstance(side, SoftArm)
+    assert isinstance(side, FilmRobot)
     mesh = FinerMesh(side.body, model.refined(1))
     rest = side.start(side.full_state.flange, Loads((2e3,), (), (0.0, 0.0, 0.0)))
     clamp = mesh.clamp(side.clamp)

@@ -12,7 +12,7 @@ import pytest
 import cosim
 from cosim.base.frames import Pose
 from cosim.base.state_file import save
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import ConvergenceError, InputError, OutputError, ScenarioError
 
 SHORT: dict[str, Any] = {
@@ -83,8 +83,8 @@ def test_after_a_failure_it_is_where_it_was(monkeypatch: pytest.MonkeyPatch) -> 
         raise ConvergenceError("no", 1.0, 1)
 
     with monkeypatch.context() as patch:
-        patch.setattr(SoftArm, "solve", fail)
-        patch.setattr(SoftArm, "follow", fail)
+        patch.setattr(FilmRobot, "solve", fail)
+        patch.setattr(FilmRobot, "follow", fail)
         with pytest.raises(ConvergenceError) as caught:
             here.step(2)
     assert caught.value.result is not None
@@ -104,16 +104,16 @@ def test_a_file_that_holds_no_simulation_is_refused(tmp_path: Path) -> None:
 def test_what_was_solved_before_a_failure_is_in_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
     here, solved = simulation(), []
     here.step(2)
-    given = SoftArm.solve
+    given = FilmRobot.solve
 
-    def fail(self: SoftArm, *args: Any) -> Any:
+    def fail(self: FilmRobot, *args: Any) -> Any:
         solved.append(None)
         if len(solved) == 4:
             raise ZeroDivisionError("whoever raised it")
         return given(self, *args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(SoftArm, "solve", fail)
+        patch.setattr(FilmRobot, "solve", fail)
         with pytest.raises(ZeroDivisionError) as caught:
             here.step(6)
     result: Any = vars(caught.value)["result"]

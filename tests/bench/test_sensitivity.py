@@ -18,7 +18,7 @@ from cosim.bench.parameters import LoadParameter, StaticModel, parameters_of, va
 from cosim.build.options import fidelity_body, static_options
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
@@ -59,10 +59,10 @@ def pulled() -> cosim.Simulation:
     return simulation
 
 
-def present(simulation: cosim.Simulation) -> tuple[SoftArm, Equilibrium]:
+def present(simulation: cosim.Simulation) -> tuple[FilmRobot, Equilibrium]:
     run = stepped_run(simulation)
     assert isinstance(run, QuasistaticSimulation)
-    assert isinstance(run.soft, SoftArm)
+    assert isinstance(run.soft, FilmRobot)
     return run.soft, run.equilibrium
 
 
@@ -101,7 +101,7 @@ def solution(simulation: cosim.Simulation, loads: Loads, scenario: Scenario) -> 
     arm, here = present(simulation)
     options = replace(static_options(scenario), tolerance_N=2e-10, start_tolerance_N=2e-10, reuse_max=0)
     body = fidelity_body(scenario)
-    other = SoftArm(body, here.world_from_flange, options, arm.dynamics)
+    other = FilmRobot(body, here.world_from_flange, options, arm.dynamics)
     found = other.equilibrium_solver.follow(
         replace(here, loads=replace(loads, cable_length_m=here.loads.cable_length_m)),
         here.world_from_flange,

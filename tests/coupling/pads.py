@@ -14,11 +14,11 @@ from cosim.build.arms import find_arm
 from cosim.config.schema.objects import WireTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import ContactReport
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.schemes.transfer import six_numbers
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene, RigidState
 from cosim.soft.body.body import SoftBody
@@ -91,7 +91,7 @@ class Grasp:
         self.scene.set_control(self.scene.joint_position)
         options = StepOptions(integrator, tolerance_N=1e-6, damping_per_s=5.0)
         self.flange = Pose(np.eye(3), GRASP)
-        self.soft = SoftArm(pads(), self.flange, NewtonOptions(), options)
+        self.soft = FilmRobot(pads(), self.flange, NewtonOptions(), options)
         x = self.soft.state.positions.copy()
         face = 0.5 * EDGE_M
         x[:, 0] = np.where(np.abs(x[:, 0]) < face, np.copysign(face, x[:, 0]), x[:, 0])
@@ -117,7 +117,7 @@ class Grasp:
         before = self.soft.state.positions
         planes = self.exchange.find(self.soft.state, self.scene.tick_s)
         self.soft.advance(self.flange, replace(self.loads, contact=planes), self.scene.tick_s)
-        return self.exchange.settle(before, self.soft.state.positions)
+        return self.exchange.commit(before, self.soft.state.positions)
 
     @property
     def ratio(self) -> float:

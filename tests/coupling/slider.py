@@ -15,9 +15,9 @@ import numpy as np
 from cosim.base.arm_file import ArmFile
 from cosim.base.columns import TickRow
 from cosim.base.frames import Mask, Pose
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -26,7 +26,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState, StepAim, StepOptions
+from cosim.soft.solve.state import Clamp, SoftState, StepAccuracy, StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.coupling.one_tick import one_tick
 
@@ -88,11 +88,11 @@ class Slider:
         )
         self.body = strip(young_modulus_Pa)
         pose = self.scene.flange_pose
-        self.soft = SoftArm(self.body, pose, NewtonOptions(tolerance_N=1e-9), TIGHT)
-        self.soft.hold_also(along_the_slide(self.body), pose)
+        self.soft = FilmRobot(self.body, pose, NewtonOptions(tolerance_N=1e-9), TIGHT)
+        self.soft.hold_components(along_the_slide(self.body), pose)
         self.loads = loads(self.body)
         found = self.soft.solve(self.soft.state, pose, self.loads)
-        self.soft.settle(found)
+        self.soft.commit(found)
         self.start = found.state
         self.interface = Interface(self.scene, self.soft, found.wrench)
 
@@ -124,7 +124,9 @@ class OneBody:
 
     def tick(self) -> None:
         """Take one implicit step."""
-        self.state, _ = self._stepper.step(self.state, Pose(), self._loads, TICK_S, aim=StepAim(1e-10))
+        self.state, _ = self._stepper.step(
+            self.state, Pose(), self._loads, TICK_S, accuracy=StepAccuracy(1e-10)
+        )
 
     @property
     def height_m(self) -> float:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, riding_along, rigid_share
+from cosim.coupling.robots.film_robot import FilmRobot
+from cosim.coupling.robots.soft_robot import exchange_gain, reaction_weights
+from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, carried_fraction, rigid_fraction
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.soft_side import answer_weights, exchange_gain
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepAim, StepOptions
+from cosim.soft.solve.state import Integrator, StepAccuracy, StepOptions
 from tests.coupling.slider import OneBody, Slider
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
@@ -20,20 +20,20 @@ WEIGHTLESS = (0.0, 0.0, 0.0)
 NODES = 8
 
 
-def answer(soft: SoftArm, xi: Array) -> Array:
+def answer(soft: FilmRobot, xi: Array) -> Array:
     """Return the wrench (6,) after a step in which the flange moves by xi, about its first place."""
     moved = Pose(rotation_from_vector(xi[3:]) @ HANGING.rotation, HANGING.translation + xi[:3])
     loads = no_load(soft.body, pressure_Pa=(PRESSURE_Pa,), gravity=WEIGHTLESS)
-    wrench = soft.advance_closely(moved, loads, TICK_S, StepAim(1e-8)).wrench.moved(xi[:3])
+    wrench = soft.advance_accurately(moved, loads, TICK_S, StepAccuracy(1e-8)).wrench.moved(xi[:3])
     return np.concatenate([wrench.force, wrench.torque])
 
 
 @pytest.mark.parametrize("integrator", ["implicit_euler", "bdf2"])
 def test_the_mass_is_how_the_wrench_answers_a_motion_of_the_flange(integrator: Integrator) -> None:
     body = hexagon_arm(2)
-    soft = SoftArm(body, HANGING, NewtonOptions(tolerance_N=1e-8), StepOptions(integrator))
+    soft = FilmRobot(body, HANGING, NewtonOptions(tolerance_N=1e-8), StepOptions(integrator))
     hung = soft.solve(soft.state, HANGING, no_load(body, gravity=WEIGHTLESS))
-    soft.settle(soft.follow(hung, HANGING, no_load(body, pressure_Pa=(PRESSURE_Pa,), gravity=WEIGHTLESS)))
+    soft.commit(soft.follow(hung, HANGING, no_load(body, pressure_Pa=(PRESSURE_Pa,), gravity=WEIGHTLESS)))
     for _ in range(2):
         answer(soft, np.zeros(6))
     before, found = soft.state, np.empty((6, 6))
@@ -47,7 +47,7 @@ def test_the_mass_is_how_the_wrench_answers_a_motion_of_the_flange(integrator: I
     mass = algorithmic_mass(soft, HANGING.translation, np.inf, None, TICK_S)
     rigid = algorithmic_mass(soft, HANGING.translation, 1.0, None, TICK_S)
     assert rigid == pytest.approx(
-        answer_weights(integrator)[0] * soft.mass_properties().spatial(HANGING.translation)
+        reaction_weights(integrator)[0] * soft.mass_properties().spatial(HANGING.translation)
     )
     # steps are solved to 1e-8 N, over nudges of 1e-6: 4e-8 kg; differences of forces that turn with the film
     assert mass == pytest.approx(found, abs=2e-3 * np.abs(found).max())
@@ -63,16 +63,16 @@ def amplification(ratio: float, stiffness: float, integrator: Integrator, carrie
         integrator: of the chain.
         carried: its answer within a tick and its whole mass ("both"), or the latter alone ("whole").
     """
-    weights = answer_weights(integrator)
+    weights = reaction_weights(integrator)
     c, bare = weights[0], exchange_gain(weights) * ratio
-    rides, expected = riding_along(weights, bare)
+    rides, expected = carried_fraction(weights, bare)
     node = 1.0 / (NODES + 1.0)
     springs = np.diag([1.0, *[2.0] * (NODES - 1), 1.0]) - np.eye(NODES + 1, k=1) - np.eye(NODES + 1, k=-1)
     K = stiffness * node * springs
     tangent = c * node * np.eye(NODES + 1) + K
     follows = -np.linalg.solve(tangent[1:, 1:], tangent[1:, :1])
     within = c * node * (1.0 + follows.sum())
-    share = rigid_share(bare) if carried == "both" else 1.0
+    share = rigid_fraction(bare) if carried == "both" else 1.0
     added = rides * ((1.0 - share) * within + share * c)
     # what each row of the state is a combination of: place, speed, accelerations and force of the mass, then
     # places and speeds of the nodes now and a tick before; h = 1

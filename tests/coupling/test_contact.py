@@ -10,7 +10,7 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError, SolverError
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.distance.contact_query import ContactQuery
@@ -165,7 +165,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
     scene = scene_with(block)
     top = 1.0 + edge * np.sqrt(3.0) / 2.0
     flange = Pose(np.eye(3), np.array([0.0, 0.0, top + 0.0505]))
-    soft = SoftArm(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
+    soft = FilmRobot(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     loads = Loads((5e3,), (), (0.0, 0.0, 0.0))
     corner = np.array([[*shift, top]])
@@ -175,7 +175,7 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
         height = top + 0.0505 - 0.01 * min(1.0, tick / 100)
         planes = exchange.find(soft.state, 2e-3)
         soft.advance(Pose(np.eye(3), np.array([0.0, 0.0, height])), replace(loads, contact=planes), 2e-3)
-        report = exchange.settle(soft.state.positions, soft.state.positions)
+        report = exchange.commit(soft.state.positions, soft.state.positions)
         film = FilmTriangles(soft.state.positions, soft.body.triangles)
         found = nearest_film(corner, film, FilmReach(0.02, 0.02))
         worst, pressed = max(worst, -float(found.distance[0])), max(pressed, report.normal_force_N)
@@ -197,10 +197,10 @@ def test_a_corner_does_not_slip_in_between_the_nodes(shift: tuple[float, float])
 
 def test_far_from_everything_nothing_is_found_or_remembered() -> None:
     scene = scene_with(SceneObject("far", "sphere", (0.05,), (0.0, 1.0, 1.0)))
-    soft = SoftArm(ball(), Pose(np.eye(3), np.array([0.0, 0.0, 1.0])), NewtonOptions(), StepOptions())
+    soft = FilmRobot(ball(), Pose(np.eye(3), np.array([0.0, 0.0, 1.0])), NewtonOptions(), StepOptions())
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     assert exchange.find(soft.state, 2e-3) is None
-    assert exchange.settle(soft.state.positions, soft.state.positions).count == 0
+    assert exchange.commit(soft.state.positions, soft.state.positions).count == 0
     assert len(exchange.memory.key) == 0
 
 
@@ -209,7 +209,7 @@ def test_what_the_film_can_get_to_in_a_tick_is_found_before_it_is_there() -> Non
     gap = 1.5 * speed * tick_s  # half as much again: it may get faster within the tick
     scene = scene_with(SceneObject("block", "box", (0.2, 0.2, 0.02), (0.0, 0.0, 1.0)))
     flange = Pose(np.eye(3), np.array([0.0, 0.0, 1.01 + 0.05 + gap]))
-    soft = SoftArm(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
+    soft = FilmRobot(ball(), flange, NewtonOptions(), StepOptions(tolerance_N=1e-5, damping_per_s=5.0))
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     assert gap > 4.0 * smoothing
     assert exchange.find(soft.state, tick_s) is None  # at rest it is out of reach
@@ -220,7 +220,7 @@ def test_what_the_film_can_get_to_in_a_tick_is_found_before_it_is_there() -> Non
     planes = exchange.find(soft.state, tick_s)
     below = Pose(np.eye(3), flange.translation - np.array([0.0, 0.0, 2.0 * speed * tick_s]))
     soft.advance(below, replace(Loads((5e3,), (), (0.0, 0.0, 0.0)), contact=planes), tick_s)
-    assert exchange.settle(soft.state.positions, soft.state.positions).count > 0
+    assert exchange.commit(soft.state.positions, soft.state.positions).count > 0
     assert soft.state.positions[:, 2].min() > 1.01 - 1e-3
 
 

@@ -10,17 +10,17 @@ import pytest
 from cosim.base.frames import Array
 from cosim.coupling.contact.levers import Levers, rigid_motions
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.state import Integrator, StepAim
+from cosim.soft.solve.state import Integrator, StepAccuracy
 from tests.coupling.pads import Grasp
 
 TICK_S, NUDGE_m = 1e-3, 1e-7
-CLOSELY = StepAim(1e-9)
+CLOSELY = StepAccuracy(1e-9)
 
 
 def loads_after(grasp: Grasp, planes: ContactPlanes, motion: Array) -> Array:
     """Return what a step to given planes answers on the cube (6,); arms are those of `motion`."""
     soft = grasp.soft
-    soft.advance_closely(grasp.flange, replace(grasp.loads, contact=planes), TICK_S, CLOSELY)
+    soft.advance_accurately(grasp.flange, replace(grasp.loads, contact=planes), TICK_S, CLOSELY)
     return np.asarray(-np.einsum("kri,kr->i", motion, planes.at(soft.state.positions).force))
 
 

@@ -13,12 +13,12 @@ from cosim.base.frames import Array, Pose, Wrench
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
 from cosim.coupling.contact.contact_exchange import ContactExchange
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.iterated import IteratedCoupling
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks import ServoCommands
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -86,13 +86,13 @@ def bounce(
     )
     flange = Pose(np.eye(3), HERE)
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
-    soft = SoftArm(body, flange, NewtonOptions(), options)
+    soft = FilmRobot(body, flange, NewtonOptions(), options)
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     holder: Any = FixedFlange(scene, flange)
     coupling = scheme(Interface(holder, soft, Wrench(), exchange))
     loads, joints = Loads((5e3,), (), (0.0, 0.0, -GRAVITY)), scene.joint_position
     index, places, seen, shown = scene.body_names.index("ball"), [start], [], np.zeros(3)
-    servos = Servos.knowing_no_payload(joints[None], 0.0 * joints[None], np.zeros((1, 6)))
+    servos = ServoCommands.without_payload(joints[None], 0.0 * joints[None], np.zeros((1, 6)))
     for _ in range(round(seconds / tick_s)):
         fine, taken = scene.tick_s < tick_s, coupling.advance(servos, [loads])
         entry = taken.last()
@@ -178,7 +178,7 @@ def test_a_load_of_several_steps_that_acts_late_adds_no_energy() -> None:
     for _ in range(260):
         grasp.tick()
         height.append(grasp.grasp.cube_position[2])
-        fine.append(grasp.coupling.fine.state > 0)
+        fine.append(grasp.coupling.substepping.state > 0)
     assert grasp.interface.contact_ratio < 0.5  # it bears its load a tick late
     assert not any(fine[110:])  # and ticks are whole again
     first, last = np.ptp(height[110:160]), np.ptp(height[210:])
@@ -210,7 +210,7 @@ def test_what_is_pressed_on_a_table_is_not_thrown_as_it_gets_loose(
     held = np.flatnonzero(x[:, 2] > 0.6 * RADIUS_M)
     body = SoftBody.from_arrays(x, triangles, Film(1e8, 0.3, 1e-4), node_mass=1.2e-4, base=held, tip=held)
     high = np.array([0.0, 0.0, 1.002 + 2.0 * half + RADIUS_M])
-    soft = SoftArm(
+    soft = FilmRobot(
         body, Pose(np.eye(3), high), NewtonOptions(), StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
     )
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose
-from cosim.coupling.soft_sides.soft_side import MassProperties, stability_ratio
+from cosim.coupling.robots.soft_robot import MassProperties, stability_ratio
 from tests.soft.bodies import random_rotation
 
 RANDOM = np.random.default_rng(0)

@@ -39,10 +39,10 @@ def test_force_and_torque_count_by_their_size(component: int, lost: float, error
 def test_loads_below_a_hundredth_of_a_newton_count_as_that() -> None:
     for size in (0.0, 5e-3, 1e-2):
         flange = changed(NOTHING, 0, size)
-        handed = TransferredLoads(flange, NOTHING, size, size)
-        assert handed.error(NOTHING, flange) == 0.0
+        transferred = TransferredLoads(flange, NOTHING, size, size)
+        assert transferred.error(NOTHING, flange) == 0.0
         for component, error in ((1, 0.01), (4, 0.1)):
-            assert handed.error(NOTHING, changed(flange, component, 1e-4)) == pytest.approx(error)
+            assert transferred.error(NOTHING, changed(flange, component, 1e-4)) == pytest.approx(error)
 
 
 @pytest.mark.parametrize("scheme", [StaggeredCoupling, IteratedCoupling])

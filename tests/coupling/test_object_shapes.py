@@ -12,7 +12,7 @@ from cosim.base.resources import object_mesh_path
 from cosim.base.triangle_mesh import TriangleMesh, read_mesh
 from cosim.build.arms import find_arm
 from cosim.coupling.contact.contact_exchange import ContactExchange
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.rigid.build.description import Geometry, SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.body import SoftBody
@@ -64,7 +64,7 @@ def test_action_equals_reaction_on_every_shape(name: str) -> None:
     body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 5e-5), node_mass=3e-5, base=held, tip=held)
     start = np.array(PLACE) + np.array([0.003, 0.002, top + RADIUS_M + 2e-4])
     options = StepOptions(tolerance_N=1e-6, damping_per_s=5.0)
-    soft = SoftArm(body, Pose(np.eye(3), start), NewtonOptions(), options)
+    soft = FilmRobot(body, Pose(np.eye(3), start), NewtonOptions(), options)
     exchange = ContactExchange(scene.contact_query(), scene.bodies, soft.contact_surface())
     loads = Loads((PRESSURE_PA,), (), (0.0, 0.0, 0.0))
     pressed = 0.0
@@ -73,7 +73,7 @@ def test_action_equals_reaction_on_every_shape(name: str) -> None:
         planes = exchange.find(soft.state, TICK_S)
         flange = Pose(np.eye(3), start - np.array([0.0, 0.0, 2e-4 * (tick + 1)]))
         soft.advance(flange, replace(loads, contact=planes), TICK_S)
-        report = exchange.settle(soft.state.positions, soft.state.positions)
+        report = exchange.commit(soft.state.positions, soft.state.positions)
         if planes is None or not report.count:
             continue
         gradient = np.zeros_like(x)

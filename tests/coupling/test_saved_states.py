@@ -11,7 +11,7 @@ import pytest
 from cosim.base.columns import TickRow
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.base.state import restore_states, states_of
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError
 from cosim.soft.elements.open_caps import OpenCapSolver
 from cosim.soft.linear.cholesky import EnvelopeCholesky
@@ -26,7 +26,7 @@ STEP_S = 0.002
 LIGHT_KG = 0.005  # at 2 ms the pads' answer is many times heavier: it gives way
 
 
-def swung(arm: SoftArm, first: int, last: int, pressure_Pa: float = 5e3) -> list[Array]:
+def swung(arm: FilmRobot, first: int, last: int, pressure_Pa: float = 5e3) -> list[Array]:
     """Return the positions after each of the steps of a swinging flange, and the forces at its nodes."""
     loads, found = no_load(arm.body, pressure_Pa=(pressure_Pa,)), []
     for k in range(first, last):
@@ -36,10 +36,10 @@ def swung(arm: SoftArm, first: int, last: int, pressure_Pa: float = 5e3) -> list
     return found
 
 
-def soft_arm(closed: bool = True, loss_factor: float = 0.0, **options: Any) -> SoftArm:
+def soft_arm(closed: bool = True, loss_factor: float = 0.0, **options: Any) -> FilmRobot:
     """Return an arm of two units in its drawn shape."""
     body = lossy(hexagon_arm(2, closed=closed), loss_factor)
-    return SoftArm(body, HANGING, NewtonOptions(), StepOptions(damping_per_s=5.0, **options))
+    return FilmRobot(body, HANGING, NewtonOptions(), StepOptions(damping_per_s=5.0, **options))
 
 
 def same(found: list[Array], expected: list[Array]) -> bool:
@@ -102,7 +102,7 @@ def test_what_is_held_is_part_of_the_state() -> None:
     expected = swung(arm, 5, 10)
     held = np.zeros((arm.body.nodes, 3), dtype=bool)
     held[arm.body.tip] = True
-    arm.hold_also(held, HANGING)
+    arm.hold_components(held, HANGING)
     swung(arm, 5, 8)
     arm.full_state = state
     assert same(swung(arm, 5, 10), expected)
@@ -110,7 +110,7 @@ def test_what_is_held_is_part_of_the_state() -> None:
 
 def test_a_state_of_another_body_is_refused() -> None:
     arm = soft_arm()
-    other = SoftArm(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
+    other = FilmRobot(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
     with pytest.raises(InputError, match="has 90 nodes, this one 48"):
         other.full_state = arm.full_state
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Pose, rotation_from_vector
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.robots.beam_robot import BeamRobot
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.newton_options import NewtonOptions
@@ -22,12 +22,12 @@ FLANGE = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.array([0.3, 
 GAS = Loads((25e3,), (0.0, 0.0))
 
 
-def arms() -> tuple[SectionArm, SoftArm]:
+def arms() -> tuple[BeamRobot, FilmRobot]:
     statics, dynamics = NewtonOptions(), StepOptions()
-    return SectionArm(section(), FLANGE, statics, dynamics), SoftArm(body(), FLANGE, statics, dynamics)
+    return BeamRobot(section(), FLANGE, statics, dynamics), FilmRobot(body(), FLANGE, statics, dynamics)
 
 
-def wound(arm: SectionArm | SoftArm, shortening_m: float) -> tuple[Equilibrium, Loads]:
+def wound(arm: BeamRobot | FilmRobot, shortening_m: float) -> tuple[Equilibrium, Loads]:
     """Return the arm's equilibrium with the first cable wound in from where it gets taut."""
     free = arm.start(FLANGE, GAS)
     route = body().cables[0].length(free.state.positions)
@@ -64,7 +64,7 @@ def test_it_stays_at_rest_and_is_wound_in_motion() -> None:
     paths = []
     for a in (arm, film):
         found, loads = wound(a, 2e-3)
-        a.settle(found)
+        a.commit(found)
         before = a.state.positions.copy()
         for _ in range(3):
             a.advance(FLANGE, loads, 2e-3)
@@ -84,17 +84,17 @@ def test_it_stays_at_rest_and_is_wound_in_motion() -> None:
 def test_the_tangent_holds_the_cable() -> None:
     arm, _ = arms()
     found, loads = wound(arm, 2e-3)
-    arm.settle(found)
+    arm.commit(found)
     here, step_s = arm.state, 2e-3
     floor = half_space(arm.contact_surface(), UP, 0.0, LAW)
-    arm.advance_closely(FLANGE, loads, step_s, AIM)
+    arm.advance_accurately(FLANGE, loads, step_s, AIM)
     force = np.random.default_rng(1).normal(0.0, 1.0, (1, body().nodes, 3))
     moved = arm.response(force, floor, step_s)
     assert moved is not None
     arm.restore(here)
     ends = []
     for sign in (1.0, -1.0):
-        arm.advance_closely(FLANGE, replace(loads, nodal_force=sign * 1e-3 * force[0]), step_s, AIM)
+        arm.advance_accurately(FLANGE, replace(loads, nodal_force=sign * 1e-3 * force[0]), step_s, AIM)
         ends.append(arm.state.positions)
         arm.restore(here)
     numeric = (ends[0] - ends[1]) / 2e-3

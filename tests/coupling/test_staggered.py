@@ -11,10 +11,10 @@ import pytest
 from cosim.base.columns import TickRow
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
 from cosim.errors import InstabilityError, SolverError
 from cosim.kinematics.arm import Arm, Payload
 from cosim.kinematics.inverse_kinematics import solve
@@ -37,7 +37,7 @@ class Rig:
 
     arm: Arm
     scene: RigidScene
-    soft: SoftArm
+    soft: FilmRobot
     coupling: Coupling
     joints: Array
     loads: Loads
@@ -69,11 +69,11 @@ def rig(
     mass = np.full(drawn.nodes, WEIGHT_PER_NODE_N / 9.81)
     mass[drawn.base] += carried_kg / len(drawn.base)
     body = hexagon_arm(UNITS, node_mass=mass)
-    soft = SoftArm(body, scene.flange_pose, NewtonOptions(), StepOptions(integrator))
+    soft = FilmRobot(body, scene.flange_pose, NewtonOptions(), StepOptions(integrator))
     solver, loads = soft.equilibrium_solver, no_load(body, pressure_Pa=(PRESSURE_Pa,))
     hung = solver.solve(soft.state, scene.flange_pose, no_load(body))
     found = solver.follow(hung, scene.flange_pose, loads)
-    soft.settle(found)
+    soft.commit(found)
     coupling = StaggeredCoupling(Interface(scene, soft, found.wrench), ratio_bound)
     return Rig(arm, scene, soft, coupling, joints, loads)
 
@@ -296,8 +296,8 @@ def test_nothing_stays_when_the_body_gets_light() -> None:
     here = rig(5.0)
     inertia = here.scene.mass_matrix
     assert any(entry.algorithmic_mass for entry in here.ticks(13, 0.005))
-    light = SoftArm(hexagon_arm(UNITS), here.scene.flange_pose, NewtonOptions(), StepOptions())
-    light.settle(
+    light = FilmRobot(hexagon_arm(UNITS), here.scene.flange_pose, NewtonOptions(), StepOptions())
+    light.commit(
         light.equilibrium_solver.follow(
             light.equilibrium_solver.solve(light.state, here.scene.flange_pose, no_load(light.body)),
             here.scene.flange_pose,

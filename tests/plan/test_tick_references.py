@@ -11,7 +11,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
 from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.kinematics.arm import Arm
 from cosim.plan.flange_motion import pose_of
 from cosim.plan.joint_path import JointReference
@@ -40,7 +40,7 @@ def references(arm: Arm, *phases: dict[str, Any]) -> JointReference:
     named = [{"name": f"p{k}", "ramp": "linear", **phase} for k, phase in enumerate(phases)]
     scenario = load_scenario("ur5e_hexagon_arm", {"model.published": True, "phase": named})
     body, start = hexagon_arm(2), pose_of(scenario.start.flange)
-    soft = SoftArm(body, start, NewtonOptions(), StepOptions())
+    soft = FilmRobot(body, start, NewtonOptions(), StepOptions())
     plan = make_plan(scenario, partial(plan_joints, arm), body, partial(solved_phases, scenario, soft))
     found = []
     for planned in plan.phases:

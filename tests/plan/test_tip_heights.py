@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.tip_heights import HANGING, Bench, Design, draws, measure
 from cosim.config.schema.phase import TipTargetTable
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import UnreachableError
 from cosim.plan.tip_targets import reach
 from cosim.soft.solve import tip_target as search
@@ -51,15 +51,15 @@ def test_a_search_that_ended_where_the_motion_does_not_lead_is_repeated(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     height, calls = bench.height(bench.slack) + 0.01, 0
-    find = SoftArm.find_tensions
+    find = FilmRobot.find_tensions
 
-    def astray(soft: SoftArm, here: Equilibrium, target: search.TipTarget) -> Equilibrium:
+    def astray(soft: FilmRobot, here: Equilibrium, target: search.TipTarget) -> Equilibrium:
         nonlocal calls
         calls += 1
         found = find(soft, here, target)
         return found if calls > 1 else replace(found, loads=replace(found.loads, cable_tension_N=(1.0, 0.5)))
 
-    monkeypatch.setattr(SoftArm, "find_tensions", astray)
+    monkeypatch.setattr(FilmRobot, "find_tensions", astray)
     target = TipTargetTable(height_m=height, reach_with="cables")
     way, end = reach(bench.soft, bench.slack, bench.slack.loads, target)
     assert bench.height(end) == pytest.approx(height, abs=2e-5)

@@ -12,7 +12,7 @@ import cosim
 from benchmarks import tip_targets
 from benchmarks.tip_targets import BOUNDS, measure, summary
 from cosim.base.kept_parts import KeptParts
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.solve.state import Equilibrium
 from cosim.telemetry.summary import closing_lines
 from tests.small_section import on_a_ur5e
@@ -77,13 +77,13 @@ tip_target = { position_m = [0.5, 0.02, 0.5] }
 
 def test_a_search_begins_with_the_films_that_press(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begins: list[Equilibrium] = []
-    find = SoftArm.find_flange_pose
+    find = FilmRobot.find_flange_pose
 
-    def noting(soft: SoftArm, begin: Equilibrium, *wanted: Any) -> Equilibrium:
+    def noting(soft: FilmRobot, begin: Equilibrium, *wanted: Any) -> Equilibrium:
         begins.append(begin)
         return find(soft, begin, *wanted)
 
-    monkeypatch.setattr(SoftArm, "find_flange_pose", noting)
+    monkeypatch.setattr(FilmRobot, "find_flange_pose", noting)
     file = tmp_path / "across.toml"
     file.write_text(on_a_ur5e(15e3, ACROSS, robot='"square_core"', published=False), encoding="utf-8")
     cosim.Simulation(file, overrides={"fidelity": "lumped"}, kept=KeptParts())  # none from disk

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.soft_sides.section_arm import SectionArm
+from cosim.coupling.robots.beam_robot import BeamRobot
 from cosim.errors import InputError
 from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.chain_solver import ChainSolver
@@ -66,19 +66,19 @@ def test_every_copy_takes_the_shape_that_it_would_take_alone() -> None:
 
 
 def test_a_flange_bears_what_its_copies_weigh() -> None:
-    chain = SectionArm(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
+    chain = BeamRobot(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
     found = chain.start(Pose(), replace(together(), cable_tension_N=(0.0,) * 6))
     weight = gripper().mass_kg * GRAVITY
     assert gripper().mass_kg == pytest.approx(COUNT * section().mass_kg)
     assert found.wrench.force == pytest.approx(weight, abs=1e-5)
-    chain.settle(found)
+    chain.commit(found)
     center = chain.mass_properties().center
     assert found.wrench.torque == pytest.approx(np.cross(center, weight), abs=1e-4)
 
 
 def test_a_turned_flange_takes_all_copies_along() -> None:
     turn = Pose(rotation_from_vector(np.array([0.3, 0.2, -0.4])), np.array([0.1, 0.2, 0.3]))
-    chain = SectionArm(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
+    chain = BeamRobot(gripper(), Pose(), NewtonOptions(tolerance_N=1e-7), StepOptions())
     here = chain.start(Pose(), together())
     leaning = tuple((turn.rotation @ GRAVITY).tolist())
     there = chain.follow(here, turn, replace(together(), gravity=leaning))

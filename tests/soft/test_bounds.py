@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError, MeshError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -45,7 +45,7 @@ def test_a_cable_cannot_push(value: float) -> None:
 
 @pytest.mark.parametrize("value", [0.0, -1e-3, np.inf, np.nan])
 def test_a_step_has_a_length(value: float) -> None:
-    arm = SoftArm(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
+    arm = FilmRobot(hexagon_arm(1), HANGING, NewtonOptions(), StepOptions())
     before = arm.state
     with pytest.raises(InputError, match="step"):
         arm.advance(HANGING, no_load(arm.body), value)

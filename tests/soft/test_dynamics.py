@@ -14,7 +14,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import MODES
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import footing
+from cosim.soft.solve.stability import assess_stability
 from cosim.soft.solve.state import (
     Clamp,
     Integrator,
@@ -270,7 +270,7 @@ def test_modes_ring_and_decay_as_their_complex_eigenvalues_say(integrator: Integ
     squares, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T) / np.outer(root, root))
     exact = np.sqrt(squares[:MODES]) / (2.0 * np.pi)
     tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
-    found = footing(tested, begin.state, begin.loads, HANGING.rotation).frequencies_Hz
+    found = assess_stability(tested, begin.state, begin.loads, HANGING.rotation).frequencies_Hz
     assert found == pytest.approx(exact, rel=1e-3)
     for frequency, vector in zip(exact, vectors.T, strict=False):
         mode = np.zeros(x.shape)

@@ -86,7 +86,7 @@ def test_crossed_films_part_again() -> None:
     crossed[upper] += 2.0 * (crossed[lower] - crossed[upper])
     result = arm.newton.solve(crossed, found.state.memory, found.loads, EXACT)
     assert result.converged
-    # residuals of 1e-9 N over the softest stiffness
+    # residuals of 1e-9 N over the lowest_mode stiffness
     assert result.positions == pytest.approx(found.state.positions, abs=1e-7)
 
 
@@ -155,7 +155,7 @@ def test_a_kept_factorisation_gives_the_same_solution() -> None:
     kept = arm.newton.solve(begin.state.positions, begin.state.memory, loads, replace(EXACT, reuse_max=30))
     assert kept.converged
     assert kept.factorisations < fresh.factorisations
-    # residuals of 1e-9 N over the softest stiffness
+    # residuals of 1e-9 N over the lowest_mode stiffness
     assert kept.positions == pytest.approx(fresh.positions, abs=1e-7)
 
 

@@ -13,7 +13,7 @@ from cosim.base.frames import Array, IntArray
 from cosim.base.state_checks import check_state
 from cosim.base.state_file import load, save
 from cosim.build.section_models import content_hash
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError
 from cosim.soft.body import loads as loads_file
 from cosim.soft.body.loads import Loads
@@ -63,8 +63,8 @@ class WeightedStepCount(StepCount):
         return np.array([0.0, self.weight])
 
 
-def stepped(element: Element) -> SoftArm:
-    arm = SoftArm(hexagon_arm(2).with_elements(element), HANGING, NewtonOptions(), StepOptions())
+def stepped(element: Element) -> FilmRobot:
+    arm = FilmRobot(hexagon_arm(2).with_elements(element), HANGING, NewtonOptions(), StepOptions())
     for _ in range(STEPS):
         arm.advance(HANGING, no_load(arm.body), 1e-3)
     return arm

@@ -21,7 +21,7 @@ from cosim.soft.linear.linear_solver import LowRank, negative_added
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.stability import footing
+from cosim.soft.solve.stability import assess_stability
 from cosim.soft.solve.state import Equilibrium
 from tests.derivatives import differences
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung
@@ -100,7 +100,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
     heavy = replace(Strip(24), density=2.0)
     specimen = heavy.specimen()
     state = specimen.drawn()
-    found = footing(specimen.newton, state, UNLOADED, np.eye(3))
+    found = assess_stability(specimen.newton, state, UNLOADED, np.eye(3))
     per_length = heavy.density * heavy.width_m
     exact = (
         1.8751040687**2
@@ -112,7 +112,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
     assert found.lowest_frequency_Hz == pytest.approx(exact, rel=5e-3)
     pressed = replace(UNLOADED, nodal_force=heavy.tip_force((-1.2 * EULER_N, 0.0, 0.0)))
     straight_one = specimen.solve(state, pressed).state
-    found = footing(specimen.newton, straight_one, pressed, np.eye(3))
+    found = assess_stability(specimen.newton, straight_one, pressed, np.eye(3))
     assert found.unstable is not None
     assert found.lowest_frequency_Hz is None
 
@@ -120,7 +120,7 @@ def test_the_lowest_frequency_is_that_of_a_clamped_beam() -> None:
 @pytest.mark.parametrize("share", [0.6, 0.9, 0.98])
 def test_what_is_left_until_eulers_load_is_told_below_it(share: float) -> None:
     specimen, here = straight(share)
-    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    found = assess_stability(specimen.newton, here.state, here.loads, np.eye(3))
     # a straight line: the nearer, the better; the mesh is 0.2 % too soft
     assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.04 * (1.0 - share))
     assert not found.snaps, "the push bends it to no side"
@@ -135,7 +135,7 @@ def test_of_open_ends_the_symmetric_part_of_the_tangent_counts() -> None:
     arm = held(hexagon_arm(2, closed=False))
     here = hung(arm, pressure_Pa=(PRESSURE_Pa,))
     tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
-    found = footing(tested, here.state, here.loads, HANGING.rotation)
+    found = assess_stability(tested, here.state, here.loads, HANGING.rotation)
     assert found.losses_held
     free, share = arm.newton.free, arm.film.losses_at(here.state.positions, here.loads)
 
@@ -189,7 +189,7 @@ def test_a_snap_is_named_with_its_load(share: float) -> None:
 def test_what_is_left_until_a_snap_is_told_below_it(share: float) -> None:
     specimen, here = roof(share)
     assert here.branchings == ()
-    found = footing(specimen.newton, here.state, here.loads, np.eye(3))
+    found = assess_stability(specimen.newton, here.state, here.loads, np.eye(3))
     assert found.snaps
     assert share * (1.0 + found.load_margin) == pytest.approx(1.0, abs=0.003 + 0.12 * (1.0 - share))
     assert found.stability([]) == ("near a snap" if share > 0.95 else "stable")

@@ -20,7 +20,7 @@ from cosim.soft.film.strain_rates import StrainRates, hinge_times
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.branching import MODES
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.stability import footing, material_losses
+from cosim.soft.solve.stability import assess_stability, material_losses
 from cosim.soft.solve.state import Integrator, SoftState, StepOptions, mode_decay
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors, differences
@@ -217,7 +217,7 @@ def test_modes_decay_as_the_complex_eigenvalues_say(integrator: Integrator) -> N
     lowest = np.flatnonzero(values.imag > 1.0)
     lowest = lowest[np.argsort(np.abs(values[lowest]))][:MODES]
     tested = NewtonSolver(arm.film, arm.newton.clamped, symmetric=True)
-    found = footing(tested, begin.state, begin.loads, HANGING.rotation)
+    found = assess_stability(tested, begin.state, begin.loads, HANGING.rotation)
     for k, frequency, own in zip(lowest, found.frequencies_Hz, found.losses_per_s, strict=True):
         declared, numerical = mode_decay(integrator, h, 0.0, frequency, own)
         assert declared == pytest.approx(-values[k].real, rel=0.02)

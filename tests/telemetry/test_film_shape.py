@@ -15,7 +15,7 @@ from cosim.base.frames import Array
 from cosim.base.state_file import load, save
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
-from cosim.coupling.soft_sides.shape_reader import MeshReader
+from cosim.coupling.robots.shape_reader import MeshReader
 from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.tick_batch import Snapshot
 from tests.soft.bodies import hexagon_arm

@@ -18,7 +18,7 @@ class BodyLoads(NamedTuple):
         centers: (bodies, 3) [m], of their masses, where the film meets them.
         loaded: (bodies,), 1 for those that bear a load of contact.
         pressing: (bodies,) [N], sum of the normal forces of the film that make up that load.
-        handed: (8,), film's load on all bodies about the world's origin, its size [N], and the sum of the
+        transferred: (8,), film's load on all bodies about the world's origin, its size [N], and the sum of the
             normal forces that are part of it [N].
     """
 
@@ -26,7 +26,7 @@ class BodyLoads(NamedTuple):
     centers: Matrix
     loaded: Indices
     pressing: Vector
-    handed: Vector
+    transferred: Vector
 
     @classmethod
     def of(cls, bodies: Bodies, *, ahead: bool) -> BodyLoads:
@@ -35,7 +35,7 @@ class BodyLoads(NamedTuple):
         return cls(bodies.applied, centers, bodies.bearing, np.zeros(bodies.count), np.zeros(8))
 
 
-class SurfaceRows(NamedTuple):
+class SurfaceArrays(NamedTuple):
     """Where a film can be touched, see `ContactSurface`, and how stiff each of its points is (p,) [N/m]."""
 
     nodes: IndexTable
@@ -46,7 +46,7 @@ class SurfaceRows(NamedTuple):
     triangle_slots: IndexTable
 
 
-class ShapeRows(NamedTuple):
+class ShapeArrays(NamedTuple):
     """Poses, coefficients of friction and bodies of shapes: fields of `ContactQuery`."""
 
     position: Matrix
@@ -95,7 +95,7 @@ class Glue(NamedTuple):
     axes: Matrix
 
 
-class BodyEnds(NamedTuple):
+class ContactLoads(NamedTuple):
     """Loads of contacts on bodies at the end of a step.
 
     Args:
@@ -118,7 +118,7 @@ class BodyEnds(NamedTuple):
     figures: Vector
 
     @classmethod
-    def room(cls, bodies: int) -> BodyEnds:
+    def room(cls, bodies: int) -> ContactLoads:
         """Return what represents no contact."""
         acting, held = np.zeros(bodies, np.int64), np.zeros(bodies)
         figures = np.array([0.0, 0.0, 0.0, 0.0, -1.0])

@@ -27,9 +27,9 @@ from cosim.soft.contact.contact_points import ContactSurface, Extent
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
-AHEAD_TICKS: Final = 2.0
+LOOKAHEAD_TICKS: Final = 2.0
 """How many ticks' way of the fastest node a film looks ahead."""
-AGREED_M: Final = 2e-6
+POSITION_TOLERANCE_M: Final = 2e-6
 """How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
 TURN_LEVER_M: Final = 0.02
 """Lever at which angles count as ways."""
@@ -123,7 +123,7 @@ class ContactExchange:
         self.planes: ContactPlanes | None = None
         self._concluded: Array | None = None  # nodes for which loads on bodies are known
         self._nothing = ContactPlanes.room(0, self.law)
-        self._body_ends = contact_arrays.BodyEnds.room(bodies.count)
+        self._body_ends = contact_arrays.ContactLoads.room(bodies.count)
         self.age = self.met = 0
         self._acts = False  # whether something is left to be ended in a tick in which nothing is touched
         self.report = NOTHING_TOUCHED
@@ -131,11 +131,11 @@ class ContactExchange:
     def _prepare_surface(self) -> None:
         law, surface, query = self.law, self.surface, self.query
         stiffness = law.stiffness_N_m3 * surface.area
-        self._surface = contact_arrays.SurfaceRows(
+        self._surface = contact_arrays.SurfaceArrays(
             surface.nodes, surface.weights, surface.slots, stiffness, surface.triangles,
             surface.triangle_slots,
         )  # fmt: skip
-        self._shapes = contact_arrays.ShapeRows(query.position, query.rotation, query.friction, query.body)
+        self._shapes = contact_arrays.ShapeArrays(query.position, query.rotation, query.friction, query.body)
         self._feature_N_m = law.stiffness_N_m3 * FEATURE_AREA_M2
         nodes = 1 + max(surface.nodes.max(initial=-1), surface.triangles.max(initial=-1))
         self._force = np.zeros((nodes, 3))
@@ -165,7 +165,7 @@ class ContactExchange:
             before: state of the soft body before the step.
             tick_s: length of the step [s].
         """
-        return self._find(before.positions, before.velocities, self.rest_reach_m, AHEAD_TICKS * tick_s)
+        return self._find(before.positions, before.velocities, self.rest_reach_m, LOOKAHEAD_TICKS * tick_s)
 
     def still(self, positions: Array) -> ContactPlanes | None:
         """Return what the film may touch near an equilibrium, without friction; None for nothing.
@@ -195,8 +195,8 @@ class ContactExchange:
 
     def _near(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> NearFilm | None:
         """Return what is near the film, None for nothing; shapes are where the film will meet them."""
-        tick_s, query, moves, coming_m = ahead_s / AHEAD_TICKS, self.query, len(self.movable) > 0, 0.0
-        sight, extent = self.bodies.foresight, Extent.of(x, velocity)
+        tick_s, query, moves, coming_m = ahead_s / LOOKAHEAD_TICKS, self.query, len(self.movable) > 0, 0.0
+        sight, extent = self.bodies.prediction, Extent.of(x, velocity)
         if moves:
             sight.at_velocities(tick_s)
             # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
@@ -221,19 +221,19 @@ class ContactExchange:
 
     def _meets_ahead(self, active: IntArray) -> bool:
         """Return whether one of the bodies of shapes, or that which nodes are glued to, may give way."""
-        ahead = self.bodies.foresight.ahead
+        ahead = self.bodies.prediction.ahead
         if len(self.glue.point) and ahead[self.glue.body[0]] > 0:
             return True
         return bool(np.count_nonzero(ahead[self.query.body[active]] > 0))
 
     def _place_shapes(self) -> None:
-        sight, query = self.bodies.foresight, self.query
+        sight, query = self.bodies.prediction, self.query
         centers = self.bodies.mass_centers, sight.lead
         unchecked(contact_kernels.place_shapes)(query.geom_poses, *centers, query.poses, self.loads.centers)
 
     def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: ContactPlanes) -> None:
         """Fill tangent planes and what they are tied to; what pressed before keeps force and anchor."""
-        surface, shapes, sight = self._surface, self._shapes, self.bodies.foresight
+        surface, shapes, sight = self._surface, self._shapes, self.bodies.prediction
         if near is not None:
             begin, features = len(near.points.point), near.features
             unchecked(contact_kernels.describe_points)(
@@ -262,7 +262,7 @@ class ContactExchange:
         return moved
 
     def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
-        """Return how far bodies will be ahead (b, 6), see `Foresight`.
+        """Return how far bodies will be ahead (b, 6), see `PosePrediction`.
 
         Args:
             bodies: (b,) that are met ahead.
@@ -271,8 +271,8 @@ class ContactExchange:
         """
         borne = self.bodies.applied.copy()
         borne[bodies] = loads.reshape(-1, 6)
-        self.bodies.foresight.under_loads(borne, tick_s)
-        return self.bodies.foresight.lead[bodies]
+        self.bodies.prediction.under_loads(borne, tick_s)
+        return self.bodies.prediction.lead[bodies]
 
     def held_way(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
         """Return how bodies give way (6 b, 6 b) under loads, see `ahead`, with all that holds them then."""
@@ -287,7 +287,7 @@ class ContactExchange:
         """Return whether a body that was found may give way, and whether it is known how all of them do."""
         if self.planes is None or not len(self.movable):
             return False, True
-        near, ahead = self.planes.body, self.bodies.foresight.ahead
+        near, ahead = self.planes.body, self.bodies.prediction.ahead
         if not np.count_nonzero(ahead[near] > 0):
             return False, True
         unknown = (ahead > 0) & (self.gives[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
@@ -305,19 +305,19 @@ class ContactExchange:
             tick_s: length of MuJoCo's step [s].
         """
         self._conclude(x)
-        ends, loads, sight = self._body_ends, self.loads, self.bodies.foresight
+        ends, loads, sight = self._body_ends, self.loads, self.bodies.prediction
         most = unchecked(contact_kernels.disagreement)(
             ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N
         )
         if not most <= 1.0:
-            most = self._away_m(tick_s) / AGREED_M if most < np.inf else most
+            most = self._away_m(tick_s) / POSITION_TOLERANCE_M if most < np.inf else most
         if most <= 1.0 and np.count_nonzero(ends.acting[sight.ahead > 0]):
             self.met += 1
         return float(most)
 
     def _away_m(self, tick_s: float) -> float:
         """Return how far bodies go from where the film has met them under the loads at the end of a step."""
-        sight, borne = self.bodies.foresight, np.empty_like(self.assumed)
+        sight, borne = self.bodies.prediction, np.empty_like(self.assumed)
         before = sight.lead.copy()
         contact_kernels.fill_borne(self._body_ends, self.loads, borne)
         sight.under_loads(borne, tick_s)
@@ -332,7 +332,7 @@ class ContactExchange:
             unchecked(contact_kernels.conclude)(x, self.planes, self.query.friction, self._body_ends)
             self._concluded = x
 
-    def settle(self, before: Array, x: Array) -> ContactReport:
+    def commit(self, before: Array, x: Array) -> ContactReport:
         """Take in the end of the soft step: remember the contacts and load the bodies.
 
         Args:
@@ -391,7 +391,7 @@ class ContactExchange:
         """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
         if self.planes is None or not len(self.movable):
             return 0.0
-        bodies, touched = self.bodies.foresight.motions, self.loads.loaded
+        bodies, touched = self.bodies.prediction.motions, self.loads.loaded
         film = after.positions, after.velocities
         return float(
             unchecked(contact_kernels.fastest_touched)(self.planes, bodies, self.movable, touched, *film)

@@ -10,12 +10,12 @@ import numpy as np
 from cosim.base.kernel_types import Indices, Matrix, Vector
 from cosim.base.kernels import device_function, kernel, small_vector
 from cosim.coupling.contact.contact_arrays import (
-    BodyEnds,
     BodyLoads,
+    ContactLoads,
     Glue,
     NearFeatures,
-    ShapeRows,
-    SurfaceRows,
+    ShapeArrays,
+    SurfaceArrays,
 )
 from cosim.coupling.contact.contact_report import ContactMemory
 from cosim.rigid.distance.shapes import GeomPoses, ShapePoses
@@ -36,7 +36,7 @@ def place_shapes(
     Args:
         geoms: MuJoCo's poses.
         mass_center: (bodies, 3) [m], MuJoCo's.
-        lead: (bodies, 6), see `Foresight`.
+        lead: (bodies, 6), see `PosePrediction`.
         poses: of the shapes, filled.
         centers: (bodies, 3) [m], filled.
     """
@@ -140,7 +140,7 @@ def fill_held(memory: ContactMemory, listed: Indices, first_key: int, held: Indi
 
 @kernel
 def describe_points(
-    hits: HitRows, places: Matrix, surface: SurfaceRows, shapes: ShapeRows, contacts: ContactPlanes
+    hits: HitRows, places: Matrix, surface: SurfaceArrays, shapes: ShapeArrays, contacts: ContactPlanes
 ) -> None:
     """Fill the first contacts from points of the film near shapes.
 
@@ -169,8 +169,8 @@ def describe_points(
 def describe_features(
     x: Matrix,
     near: NearFeatures,
-    surface: SurfaceRows,
-    shapes: ShapeRows,
+    surface: SurfaceArrays,
+    shapes: ShapeArrays,
     begin: int,
     contacts: ContactPlanes,
 ) -> None:
@@ -206,13 +206,13 @@ def describe_features(
 
 
 @kernel
-def describe_glue(glue: Glue, surface: SurfaceRows, lead: Matrix, contacts: ContactPlanes) -> None:
+def describe_glue(glue: Glue, surface: SurfaceArrays, lead: Matrix, contacts: ContactPlanes) -> None:
     """Fill the last contacts from glued points, whose anchors go with their body.
 
     Args:
         glue: (k,) points.
         surface: of the film.
-        lead: (bodies, 6), see `Foresight`.
+        lead: (bodies, 6), see `PosePrediction`.
         contacts: filled.
     """
     place = small_vector(3)
@@ -259,7 +259,7 @@ def fill_approach(contacts: ContactPlanes, velocity: Matrix, resolved: Vector, m
 
 
 @kernel
-def recall(memory: ContactMemory, shapes: ShapeRows, contacts: ContactPlanes) -> None:
+def recall(memory: ContactMemory, shapes: ShapeArrays, contacts: ContactPlanes) -> None:
     """Give contacts that pressed in the last tick their normal force, and anchor, which rides on its shape.
 
     Args:
@@ -294,7 +294,7 @@ def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
 
 
 @kernel
-def conclude(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: BodyEnds) -> int:
+def conclude(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: ContactLoads) -> int:
     """Fill the loads of contacts on bodies at the end of a step.
 
     Args:
@@ -341,7 +341,7 @@ def see_hits(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None
     Args:
         contacts: at the end of the step.
         resolved: (bodies,) [m], way of a body in a step with which that resolves a hit.
-        figures: see `BodyEnds`; the hit is filled.
+        figures: see `ContactLoads`; the hit is filled.
     """
     for e in range(contacts.body.shape[0]):
         body, speed = contacts.body[e], contacts.approach[e]
@@ -352,7 +352,7 @@ def see_hits(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None
 
 
 @kernel
-def remember(contacts: ContactPlanes, shapes: ShapeRows, memory: ContactMemory) -> None:
+def remember(contacts: ContactPlanes, shapes: ShapeArrays, memory: ContactMemory) -> None:
     """Fill what the next tick knows of the contacts that press.
 
     Args:
@@ -415,7 +415,7 @@ def _about_center(load: Vector, center: Vector, r: int) -> float:
 
 
 @kernel
-def load_bodies(ends: BodyEnds, loads: BodyLoads, past: Matrix) -> None:
+def load_bodies(ends: ContactLoads, loads: BodyLoads, past: Matrix) -> None:
     """Let the contacts' loads act on bodies, see `Bodies.apply`.
 
     Args:
@@ -432,11 +432,11 @@ def load_bodies(ends: BodyEnds, loads: BodyLoads, past: Matrix) -> None:
             for r in range(6):
                 loads.applied[b, r] = _about_center(ends.loads[b], loads.centers[b], r)
     for r in range(8):
-        loads.handed[r] = ends.film[r]
+        loads.transferred[r] = ends.film[r]
 
 
 @kernel
-def fill_borne(ends: BodyEnds, loads: BodyLoads, borne: Matrix) -> None:
+def fill_borne(ends: ContactLoads, loads: BodyLoads, borne: Matrix) -> None:
     """Fill what bodies will bear (bodies, 6) about their centres, as `load_bodies` would have it.
 
     Args:
@@ -454,7 +454,7 @@ def fill_borne(ends: BodyEnds, loads: BodyLoads, borne: Matrix) -> None:
 
 @kernel
 def disagreement(
-    ends: BodyEnds, loads: BodyLoads, assumed: Matrix, ahead: Indices, gives: Matrix, tolerance: float
+    ends: ContactLoads, loads: BodyLoads, assumed: Matrix, ahead: Indices, gives: Matrix, tolerance: float
 ) -> float:
     """Return how far free bodies go from where a step has met them, over what they may; infinite: not known.
 
@@ -487,7 +487,7 @@ def farthest_led(lead: Matrix, before: Matrix, centers: Matrix, ahead: Indices, 
     """Return how far [m] a body is at most from where it was met.
 
     Args:
-        lead: (bodies, 6), see `Foresight`.
+        lead: (bodies, 6), see `PosePrediction`.
         before: (bodies, 6), with which they were.
         centers: (bodies, 3) [m], of their masses.
         ahead: (bodies,), 1 for those that count.

@@ -6,10 +6,10 @@ from typing import Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.soft_sides.soft_side import SoftReply
+from cosim.coupling.robots.soft_robot import SoftReply
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.state import SoftState, StepAim
+from cosim.soft.solve.state import SoftState, StepAccuracy
 
 
 def rigid_motions(points: Array, origins: Array) -> Array:
@@ -28,7 +28,7 @@ def rigid_motions(points: Array, origins: Array) -> Array:
     return motion
 
 
-class Yielding(Protocol):
+class SoftStepper(Protocol):
     """What gives way to forces on its nodes within a tick: the soft side."""
 
     @property
@@ -41,8 +41,8 @@ class Yielding(Protocol):
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step."""
 
-    def advance_closely(
-        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    def advance_accurately(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy
     ) -> SoftReply:
         """Advance by one step, as closely as asked for."""
 
@@ -93,7 +93,7 @@ class Levers:
         return np.asarray(motion[self.place, :3] + cross(motion[self.place, 3:], self.arm))
 
     def stiffness(
-        self, planes: ContactPlanes, tangents: Array, soft: Yielding | None, tick_s: float
+        self, planes: ContactPlanes, tangents: Array, soft: SoftStepper | None, tick_s: float
     ) -> Array:
         """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
 

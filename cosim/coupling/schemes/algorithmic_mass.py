@@ -7,7 +7,7 @@ weight of inertia in the step's scheme. Within the tick the wrench on the flange
 
     M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
 
-r the stability ratio, s_0 = c h^2 the first of `answer_weights`. The whole mass, b = 1, leaves slow motions
+r the stability ratio, s_0 = c h^2 the first of `reaction_weights`. The whole mass, b = 1, leaves slow motions
 as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
 that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
 
@@ -31,7 +31,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.coupling.contact.levers import rigid_motions
-from cosim.coupling.soft_sides.soft_side import IMPLICIT_EULER, SoftSide
+from cosim.coupling.robots.soft_robot import IMPLICIT_EULER, SoftRobot
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
@@ -43,7 +43,7 @@ class CarriedInertia:
 
     Args:
         inertia: (joints, joints) [kg m^2], algorithmic mass; zero for none.
-        weights: (2,) of the last accelerations, see `riding_along`.
+        weights: (2,) of the last accelerations, see `carried_fraction`.
         past: (2, joints) [rad/s^2], of the last tick and the one before; kept up to date while it acts.
         acts: whether there is any.
     """
@@ -53,14 +53,14 @@ class CarriedInertia:
     past: Array
     acts: bool
 
-    def give_back(self, scene: CoupledScene) -> None:
+    def compensate(self, scene: CoupledScene) -> None:
         """Give back as torque what the inertia takes as long as the soft side answers as before."""
         if self.acts:
             self.past[1], self.past[0] = self.past[0], scene.joint_acceleration
             scene.apply_joint_torque(self.inertia @ (self.weights @ self.past))
 
 
-def rigid_share(ratio: float) -> float:
+def rigid_fraction(ratio: float) -> float:
     """Return b, how much of what the film lags behind within a tick is carried all the same.
 
     Args:
@@ -69,13 +69,13 @@ def rigid_share(ratio: float) -> float:
     return 1.0 if ratio <= 1.0 else 1.0 / ratio**2
 
 
-def riding_along(weights: tuple[float, ...], ratio: float) -> tuple[float, Array]:
+def carried_fraction(weights: tuple[float, ...], ratio: float) -> tuple[float, Array]:
     """Return the share of the algorithmic mass that rides along, and what of it is given back.
 
     The latter are the weights (2,) of the last accelerations in the expected one, last first.
 
     Args:
-        weights: s, of `answer_weights`.
+        weights: s, of `reaction_weights`.
         ratio: r, stability ratio of the flange.
     """
     if weights == IMPLICIT_EULER:
@@ -85,7 +85,7 @@ def riding_along(weights: tuple[float, ...], ratio: float) -> tuple[float, Array
 
 
 def algorithmic_mass(
-    soft: SoftSide, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
+    soft: SoftRobot, origin: Array, ratio: float, contact: ContactPlanes | None, step_s: float
 ) -> Array:
     """Return M_a (6, 6), linear then angular, about a point, world axes.
 
@@ -97,7 +97,7 @@ def algorithmic_mass(
         step_s: h [s].
     """
     mass = soft.mass_properties().spatial(origin)
-    lacking = 1.0 - rigid_share(ratio)
+    lacking = 1.0 - rigid_fraction(ratio)
     if lacking > 0.0:
         rigid = rigid_motions(soft.state.positions, origin)
         momentum = np.ascontiguousarray((soft.body.node_mass[:, None, None] * rigid).transpose(2, 0, 1))
@@ -105,4 +105,4 @@ def algorithmic_mass(
         if lagging is not None:  # the tangent is not indefinite
             behind = lacking * np.einsum("inr,jnr->ij", momentum, lagging)
             mass -= 0.5 * (behind + behind.T)
-    return np.asarray(soft.answer_weights[0] * mass)
+    return np.asarray(soft.reaction_weights[0] * mass)

@@ -6,7 +6,7 @@ from typing import Any
 
 from cosim.base.frames import Wrench
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.ticks import Servos, TicksTaken
+from cosim.coupling.ticks import ServoCommands, TickLog
 from cosim.soft.body.loads import Loads
 
 
@@ -30,7 +30,7 @@ class Coupling(ABC):
         return {**self.interface.parts(), "scheme": self}
 
     @abstractmethod
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         """Advance both sides by up to n ticks, at least one; how many changes no result.
 
         Args:

@@ -1,11 +1,11 @@
 """What every scheme of exchange acts on: both sides, their contacts, and the wrench between them.
 
-Action and reaction are checked in every tick: what the rigid side has received is what was handed over.
+Action and reaction are checked in every tick: what the rigid side has received is what was transferred over.
 Transferred: the soft side's wrench on the flange, and the contact forces on its film with the opposite sign,
 summed node by node. Received: what MuJoCo holds applied to the flange and to the touched bodies in the step,
 read back from it. Both are taken about the world's origin, so forces represent momentum and torques for
 angular momentum, each times the tick. In the staggered exchange a tick receives what the tick before has
-handed over; in the iterated one, what the same tick hands over, and what the last one left over.
+transferred over; in the iterated one, what the same tick hands over, and what the last one left over.
 """
 
 import math
@@ -21,8 +21,9 @@ from cosim.base.frames import Array, Pose, SixNumbers, Wrench
 from cosim.base.kernels import unchecked
 from cosim.base.state import states_of
 from cosim.coupling.contact import contact_arrays, contact_exchange, contact_report
-from cosim.coupling.contact.giving_way import LightBodies
+from cosim.coupling.contact.light_bodies import LightBodies
 from cosim.coupling.payload import fill_payload
+from cosim.coupling.robots.soft_robot import SoftReply, SoftRobot, exchange_gain, stability_ratio
 from cosim.coupling.schemes.transfer import (
     NOTHING,
     TransferredLoads,
@@ -32,14 +33,13 @@ from cosim.coupling.schemes.transfer import (
     total,
     work_rate,
 )
-from cosim.coupling.soft_sides.soft_side import SoftReply, SoftSide, exchange_gain, stability_ratio
-from cosim.coupling.ticks import ServoRow, TicksTaken, fill_figures, scene_columns, sizes_of
+from cosim.coupling.ticks import ServoCommand, TickLog, fill_figures, scene_columns, sizes_of
 from cosim.errors import ConvergenceError, InputError
 from cosim.reduced.sections.figures import FIGURES
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.flange import about_origin
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAim
+from cosim.soft.solve.state import StepAccuracy
 
 # Shape and configuration hardly change meanwhile, and the ratio costs as much as the rest of the exchange.
 # So it is found after a time, in bounds of ticks; after a longer one where nothing hangs on it.
@@ -54,13 +54,13 @@ class InterfaceState:
 
     Args:
         wrench: on the flange in the next tick.
-        handed: what the soft side has handed over at the end of the last tick.
+        transferred: what the soft side has transferred over at the end of the last tick.
         ratio: stability ratio of the flange when it was last updated.
         ticks: done.
     """
 
     wrench: Wrench
-    handed: TransferredLoads
+    transferred: TransferredLoads
     ratio: float = 0.0
     ticks: int = 0
 
@@ -83,7 +83,7 @@ class Interface:
     def __init__(
         self,
         scene: CoupledScene,
-        soft: SoftSide,
+        soft: SoftRobot,
         wrench: Wrench,
         contact: contact_exchange.ContactExchange | None = None,
         mounted: Array | None = None,
@@ -99,8 +99,8 @@ class Interface:
         self.light = LightBodies(contact, soft, scene.tick_s) if contact is not None else None
         self._untouched = states_of(self.contacts())
         about_world = numbers_of(wrench.moved(-scene.flange_pose.translation))
-        handed = TransferredLoads(about_world, NOTHING, float(np.abs(wrench.force).max()), 0.0)
-        self._state, self.figures = InterfaceState(wrench, handed), np.zeros(FIGURES)
+        transferred = TransferredLoads(about_world, NOTHING, float(np.abs(wrench.force).max()), 0.0)
+        self._state, self.figures = InterfaceState(wrench, transferred), np.zeros(FIGURES)
         self.update_figures()
         self._often = min(max(_FEWEST_TICKS, round(_UPDATED_AFTER_S / scene.tick_s)), _MOST_TICKS)
         self._seldom = min(max(_FEWEST_TICKS, round(_SELDOM_AFTER_S / scene.tick_s)), _MOST_TICKS_FAR)
@@ -111,9 +111,9 @@ class Interface:
         return self._state.wrench
 
     @property
-    def handed(self) -> TransferredLoads:
-        """What the soft side has handed over at the end of the last tick."""
-        return self._state.handed
+    def transferred(self) -> TransferredLoads:
+        """What the soft side has transferred over at the end of the last tick."""
+        return self._state.transferred
 
     @property
     def ratio(self) -> float:
@@ -143,7 +143,7 @@ class Interface:
         one tick late.
         """
         body = self.soft.mass_properties().spatial(self.scene.flange_pose.translation)
-        gain = exchange_gain(self.soft.answer_weights)
+        gain = exchange_gain(self.soft.reaction_weights)
         ratio = gain * stability_ratio(self.scene.mobility(), body)
         self._state = replace(self._state, ratio=ratio)
 
@@ -158,8 +158,12 @@ class Interface:
 
     @state.setter
     def state(self, state: InterfaceState) -> None:
-        self._state, handed = state, state.handed
-        self._bodies.handed[:] = *handed.bodies, handed.bodies_size_N, handed.bodies_normal_N
+        self._state, transferred = state, state.transferred
+        self._bodies.transferred[:] = (
+            *transferred.bodies,
+            transferred.bodies_size_N,
+            transferred.bodies_normal_N,
+        )
         self.update_figures()
 
     def parts(self) -> dict[str, Any]:
@@ -183,16 +187,16 @@ class Interface:
             raise InputError("contact is modelled in the saved state only")
         return {**self._untouched, **states}
 
-    def room(self, count: int) -> TicksTaken:
+    def room(self, count: int) -> TickLog:
         """Return room for so many ticks."""
-        return TicksTaken(self._room(count))
+        return TickLog(self._room(count))
 
     def load_flange(self, wrench: Wrench) -> None:
         """Let a wrench act on the flange in the rigid step to come."""
         self._acting = numbers_of(wrench)
         self.scene.apply_flange_wrench(wrench)
 
-    def step_rigid(self, servos: ServoRow, taken: TicksTaken) -> None:
+    def step_rigid(self, servos: ServoCommand, taken: TickLog) -> None:
         """Take the rigid step of a tick: servos and loads act, then poses are those at its end.
 
         Args:
@@ -206,56 +210,60 @@ class Interface:
         self.scene.step_arm(servos.position, servos.velocity, self.feedforward(servos))
         taken.log_scene(self.scene, self._rows, self._bodies, error)
 
-    def read_rigid(self, taken: TicksTaken) -> None:
+    def read_rigid(self, taken: TickLog) -> None:
         """Read the rigid step of a tick that somebody else has taken."""
         taken.log_scene(self.scene, self._rows, self._bodies, self.momentum_error())
 
-    def feedforward(self, servos: ServoRow) -> Array:
+    def feedforward(self, servos: ServoCommand) -> Array:
         """Return the torques (joints,) [N m] that servos are asked for, with the present payload."""
         flange, payload = self.scene.flange, self._payload
         unchecked(fill_payload)(
             self.figures, self._mass_kg, flange.origin, flange.axes, self._mounted, payload
         )
-        torque: Array = servos.by_payload.dot(payload)
+        torque: Array = servos.payload_regressor.dot(payload)
         torque += servos.torque
         return torque
 
     def momentum_error(self) -> float:
-        """Return how far what acts on flange and bodies is from what was handed over."""
-        handed = self._state.handed
-        on_flange = relative_error(handed.flange, self.scene.received_wrench(), handed.flange_size_N)
-        if self.contact is None or (handed.bodies == NOTHING and not self._bodies.loaded.any()):
+        """Return how far what acts on flange and bodies is from what was transferred over."""
+        transferred = self._state.transferred
+        on_flange = relative_error(
+            transferred.flange, self.scene.received_wrench(), transferred.flange_size_N
+        )
+        if self.contact is None or (transferred.bodies == NOTHING and not self._bodies.loaded.any()):
             return on_flange
         return max(on_flange, self.error_on_bodies())
 
     def error_on_bodies(self) -> float:
-        """Return how far what acts on bodies in the step in progress is from what was handed over."""
+        """Return how far what acts on bodies in the step in progress is from what was transferred over."""
         bodies, received = self._bodies, NOTHING
         for body in np.flatnonzero(bodies.loaded).tolist():
             received = total(received, about_origin(six_numbers(bodies.applied[body]), bodies.centers[body]))
-        return relative_error(self.handed.bodies, received, self.handed.bodies_size_N)
+        return relative_error(self.transferred.bodies, received, self.transferred.bodies_size_N)
 
-    def advance_soft(self, loads: Loads, aim: StepAim | None = None) -> SoftReply:
+    def advance_soft(self, loads: Loads, accuracy: StepAccuracy | None = None) -> SoftReply:
         """Take the soft step to the flange's present pose, with the contacts that are there.
 
         Afterwards the bodies bear the contacts' loads.
 
         Args:
             loads: on the soft body at the end of the tick, contacts not counted.
-            aim: how closely; as an ordinary step unless given.
+            accuracy: how closely; as an ordinary step unless given.
         """
         soft, flange, tick_s = self.soft, self.scene.flange_pose, self.scene.tick_s
         if self.light is not None:
-            reply = self._advance_with(self.light, flange, loads, aim)
-        elif aim is None:
+            reply = self._advance_with(self.light, flange, loads, accuracy)
+        elif accuracy is None:
             reply = soft.advance(flange, loads, tick_s)
         else:
-            reply = soft.advance_closely(flange, loads, tick_s, aim)
+            reply = soft.advance_accurately(flange, loads, tick_s, accuracy)
         state = self._state
-        self._state = InterfaceState(reply.wrench, state.handed, state.ratio, state.ticks)
+        self._state = InterfaceState(reply.wrench, state.transferred, state.ratio, state.ticks)
         return reply
 
-    def _advance_with(self, light: LightBodies, flange: Pose, loads: Loads, aim: StepAim | None) -> SoftReply:
+    def _advance_with(
+        self, light: LightBodies, flange: Pose, loads: Loads, accuracy: StepAccuracy | None
+    ) -> SoftReply:
         """Take the soft step with bodies that may give way.
 
         A step that looks back over a hit may find nothing on which film and bodies agree: then it looks back
@@ -263,19 +271,19 @@ class Interface:
         """
         soft, before = self.soft, self.soft.state
         try:
-            return light.advance(flange, loads, aim)
+            return light.advance(flange, loads, accuracy)
         except ConvergenceError:
             if before.earlier is None:
                 raise
         soft.restore(before)
         soft.restart()
-        return light.advance(flange, loads, aim)
+        return light.advance(flange, loads, accuracy)
 
     def update_figures(self) -> None:
         """Read the figures of the soft side after its step."""
         fill_figures(self.soft, self._state.wrench, self.figures)
 
-    def hand_over(self, reply: SoftReply, taken: TicksTaken, acted: Wrench | None = None) -> None:
+    def transfer_loads(self, reply: SoftReply, taken: TickLog, acted: Wrench | None = None) -> None:
         """Hand over the wrench that `advance_soft` has returned, and end the tick in progress.
 
         Powers are those of what has acted and of the answer.
@@ -295,17 +303,17 @@ class Interface:
         taken.rigid_power_W[k], taken.soft_power_W[k] = work_rate(acting, moving), -work_rate(answer, moving)
         taken.power_size_W[k] = _size(answer, moving)
         if self.contact is None:
-            handed = TransferredLoads(about_world, NOTHING, force_N, 0.0)
+            transferred = TransferredLoads(about_world, NOTHING, force_N, 0.0)
         else:
-            *on_bodies, size_N, normal_N = self._bodies.handed.tolist()
-            handed = TransferredLoads(about_world, tuple(on_bodies), force_N, size_N, normal_N)
+            *on_bodies, size_N, normal_N = self._bodies.transferred.tolist()
+            transferred = TransferredLoads(about_world, tuple(on_bodies), force_N, size_N, normal_N)
             touched = self.contact.report
             taken.contacts[k], taken.contact_work_J[k] = touched.count, touched.work_J
-            taken.contact_force_N[k] = state.handed.bodies_normal_N
+            taken.contact_force_N[k] = state.transferred.bodies_normal_N
             taken.contact_depth_m[k], taken.contact_ratio[k] = touched.depth_m, self.contact_ratio
             taken.hit_m_s[k], taken.hit_way_m[k] = touched.hit_m_s, touched.hit_way_m
             taken.hit_body[k] = touched.hit_body
-        self._state = InterfaceState(state.wrench, handed, state.ratio, state.ticks + 1)
+        self._state = InterfaceState(state.wrench, transferred, state.ratio, state.ticks + 1)
         taken.stability_ratio[k] = state.ratio
         taken.end_tick(reply, self.soft, self.figures)
 

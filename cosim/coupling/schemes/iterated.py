@@ -2,7 +2,7 @@
 
 Unknown l: the wrench at the end of the tick. One trial, from the start of the tick: MuJoCo steps under l,
 contacts are found at the new poses, the soft side steps with the new pose of the flange, touched bodies give
-way within its step (`giving_way`), and it answers with g(l). The root of r(l) = g(l) + u - l, u what the tick
+way within its step (`light_bodies`), and it answers with g(l). The root of r(l) = g(l) + u - l, u what the tick
 before left over (so no impulse is lost), is found by quasi-Newton steps. They begin with the inverse
 -(1 + h^2 c m W)^-1: W the mobility of the flange, c m the soft side's inertia in its step as a rigid body. It
 is kept from tick to tick. No algorithmic mass is carried: at the root, this is implicit Euler for both sides
@@ -23,13 +23,13 @@ import numpy as np
 from cosim.base.frames import Array, SixNumbers, Wrench
 from cosim.base.state import restore_states, states_of
 from cosim.coupling import ticks
+from cosim.coupling.robots.soft_robot import SoftReply
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.transfer import LEVER_M, six_numbers
-from cosim.coupling.soft_sides.soft_side import SoftReply
 from cosim.errors import ConvergenceError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAim
+from cosim.soft.solve.state import StepAccuracy
 
 _INDEPENDENT = 1e-8  # singular values of V, over the largest, below which secants say nothing
 _LEARNT = 1e-6  # secants below this share of the interface's load are rounding, and are not kept
@@ -143,7 +143,7 @@ class Trial:
         size: of the residual over that of the loads.
         reply: of the soft side.
         received: read back from MuJoCo: on the flange, about the world's origin.
-        on_bodies: how far what acts on them is from what was handed over.
+        on_bodies: how far what acts on them is from what was transferred over.
     """
 
     load: Array
@@ -156,7 +156,7 @@ class Trial:
 
 
 @final
-class InterfaceSearch:
+class InterfaceIteration:
     """Trials of one tick; after `run`, both sides stand at its end.
 
     Args:
@@ -236,8 +236,8 @@ class InterfaceSearch:
         received = scene.received_wrench()
         self._step_rigid()
         on_bodies = interface.error_on_bodies()
-        aim = StepAim(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)
-        reply = interface.advance_soft(self._soft_loads, aim)
+        accuracy = StepAccuracy(_SOFT_SHARE * self._options.tolerance * self._scale, self._reached)
+        reply = interface.advance_soft(self._soft_loads, accuracy)
         self._reached = interface.soft.state.positions
         self.newton_iterations += reply.iterations
         answered = vector.answered()
@@ -298,7 +298,7 @@ class IteratedCoupling(Coupling):
         self.state = IteratedState()
         """What the next tick depends on besides the interface."""
 
-    def advance(self, servos: ticks.Servos, loads: Sequence[Loads]) -> ticks.TicksTaken:
+    def advance(self, servos: ticks.ServoCommands, loads: Sequence[Loads]) -> ticks.TickLog:
         interface, vector = self.interface, FlangeLoad(self.interface)
         if interface.ratio_is_due:
             interface.update_stability_ratio()
@@ -309,10 +309,10 @@ class IteratedCoupling(Coupling):
 
         last, owed = vector.answered(), vector.from_world(self.state.left_over)
         inverse = self.state.inverse
-        search = InterfaceSearch(interface, vector, step_rigid, loads[0], self._options, inverse)
+        search = InterfaceIteration(interface, vector, step_rigid, loads[0], self._options, inverse)
         with interface.soft.work:
             found = search.run(self._expected(vector, last) + owed, last, owed)
-        interface.hand_over(found.reply, taken, vector.wrench(found.load))
+        interface.transfer_loads(found.reply, taken, vector.wrench(found.load))
         left_over, history = vector.about_world(found.residual), self.state.history[:1]
         taken.momentum_error[0] = self._momentum_error(left_over, found)
         self.state = IteratedState((vector.about_world(found.answered), *history), left_over, search.inverse)
@@ -330,4 +330,4 @@ class IteratedCoupling(Coupling):
     def _momentum_error(self, left_over: Array, found: Trial) -> float:
         """Return the error of momentum of a tick that leaves (6,) over, about the world's origin."""
         due = six_numbers(self.state.left_over - left_over)
-        return max(self.interface.handed.error(due, found.received), found.on_bodies)
+        return max(self.interface.transferred.error(due, found.received), found.on_bodies)

@@ -14,12 +14,12 @@ from typing import Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.schemes.algorithmic_mass import CarriedInertia, algorithmic_mass, riding_along
+from cosim.coupling.schemes.algorithmic_mass import CarriedInertia, algorithmic_mass, carried_fraction
 from cosim.coupling.schemes.coupling import Coupling
-from cosim.coupling.schemes.fine_ticks import FineTicks
 from cosim.coupling.schemes.interface import Interface
+from cosim.coupling.schemes.substepping import Substepping
 from cosim.coupling.schemes.tick import begin_tick, end_tick, tick
-from cosim.coupling.ticks import ServoRow, Servos, TicksTaken
+from cosim.coupling.ticks import ServoCommand, ServoCommands, TickLog
 from cosim.errors import InstabilityError
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
@@ -55,8 +55,8 @@ class StaggeredCoupling(Coupling):
         self._ratio_bound = ratio_bound
         joints = len(interface.scene.joint_acceleration)
         self._carry(np.zeros((joints, joints)), np.zeros((2, joints)))
-        self._fine = FineTicks(interface)
-        self._begun: TicksTaken | None = None
+        self._fine = Substepping(interface)
+        self._begun: TickLog | None = None
 
     def begin(self) -> None:
         """Load the rigid side for a tick whose rigid step somebody else takes; then comes `advance`."""
@@ -64,7 +64,7 @@ class StaggeredCoupling(Coupling):
         self._update_when_due()
         begin_tick(self.interface, self._carried)
 
-    def advance(self, servos: Servos, loads: Sequence[Loads]) -> TicksTaken:
+    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         begun, self._begun = self._begun, None
         taken = self._room(len(loads)) if begun is None else begun
         try:
@@ -77,7 +77,7 @@ class StaggeredCoupling(Coupling):
             taken.error = error
         return taken
 
-    def _take(self, servos: ServoRow, loads: Loads, taken: TicksTaken, *, begun: bool) -> None:
+    def _take(self, servos: ServoCommand, loads: Loads, taken: TickLog, *, begun: bool) -> None:
         """Take one tick of the clock; of one that has `begun`, somebody else has taken the rigid step."""
         interface = self.interface
         if not begun:
@@ -104,7 +104,7 @@ class StaggeredCoupling(Coupling):
                 "coupling.scheme = 'iterated'.",
             )
 
-    def _room(self, count: int) -> TicksTaken:
+    def _room(self, count: int) -> TickLog:
         """Return room for some of so many ticks, with the state before the first of them."""
         self.interface.scene.check()
         return self.interface.room(min(count, _TICKS_MAX))
@@ -118,7 +118,7 @@ class StaggeredCoupling(Coupling):
         return replace(self._carried, past=self._carried.past.copy())
 
     @property
-    def fine(self) -> FineTicks:
+    def substepping(self) -> Substepping:
         """What takes ticks in pieces."""
         return self._fine
 
@@ -133,11 +133,11 @@ class StaggeredCoupling(Coupling):
         self._carry(state.added, state.past.copy())
 
     def parts(self) -> dict[str, Any]:
-        return {"fine": self._fine, **super().parts()}
+        return {"substeps": self._fine, **super().parts()}
 
     def _carry(self, inertia: Array, past: Array) -> None:
         acts, interface = bool(inertia.any()), self.interface
-        _, weights = riding_along(interface.soft.answer_weights, interface.ratio)
+        _, weights = carried_fraction(interface.soft.reaction_weights, interface.ratio)
         self._carried = CarriedInertia(inertia, weights, past, acts)
 
     def _update_stability_ratio(self) -> None:
@@ -149,7 +149,7 @@ class StaggeredCoupling(Coupling):
             contact = None if interface.contact is None else interface.contact.planes
             origin, jacobian = scene.flange_pose.translation, scene.flange.jacobian()
             mass = algorithmic_mass(interface.soft, origin, interface.ratio, contact, scene.tick_s)
-            share, _ = riding_along(interface.soft.answer_weights, interface.ratio)
+            share, _ = carried_fraction(interface.soft.reaction_weights, interface.ratio)
             added = share * (jacobian.T @ mass @ jacobian)
         if carries or before.acts:
             scene.bodies.carried.carry_on_arm(added)

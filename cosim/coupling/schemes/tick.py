@@ -2,12 +2,12 @@
 
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.ticks import ServoRow, TicksTaken
+from cosim.coupling.ticks import ServoCommand, TickLog
 from cosim.soft.body.loads import Loads
 
 
 def tick(
-    interface: Interface, carried: CarriedInertia, servos: ServoRow, loads: Loads, taken: TicksTaken
+    interface: Interface, carried: CarriedInertia, servos: ServoCommand, loads: Loads, taken: TickLog
 ) -> None:
     """Take a tick: the arm steps under the last loads, then the soft robot with the flange's new pose.
 
@@ -30,10 +30,10 @@ def tick(
 def begin_tick(interface: Interface, carried: CarriedInertia) -> None:
     """Load the rigid side: what follows is its step, whoever takes that."""
     interface.load_flange(interface.wrench)  # contacts of the last tick load bodies already
-    carried.give_back(interface.scene)
+    carried.compensate(interface.scene)
 
 
-def end_tick(interface: Interface, loads: Loads, taken: TicksTaken) -> None:
+def end_tick(interface: Interface, loads: Loads, taken: TickLog) -> None:
     """Take the soft step after the rigid one, and hand its wrench over for the next tick."""
     reply = interface.advance_soft(loads)  # finds contacts, steps the soft robot, loads bodies
-    interface.hand_over(reply, taken)
+    interface.transfer_loads(reply, taken)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.config.schema.scenario import Scenario
-from cosim.coupling.soft_sides.soft_side import SoftSide
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.devices import command_source, device_report, planned_commands
 from cosim.devices.command_checks import over
 from cosim.devices.command_source import CommandsAhead, CommandSource, StepToTake
@@ -88,7 +88,7 @@ class LiveCommands(command_source.SteeredCommands):
         given: CommandSource,
         planned: planned_commands.PlannedCommands,
         scenario: Scenario,
-        soft: SoftSide,
+        soft: SoftRobot,
         bounds: live_bounds.LiveBounds,
     ) -> None:
         self._given, self._scenario, self._soft, self._bounds = given, scenario, soft, bounds

@@ -20,7 +20,7 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import branching
 from cosim.soft.solve.stability import (
-    Softest,
+    LowestMode,
     driven,
     margin_by,
     natural_frequencies,
@@ -116,15 +116,15 @@ class RestingChain:
     @property
     def unstable(self) -> branching.Branching | None:
         """In which direction it would give way; None where it is stable."""
-        lowest = self.softest
-        return None if lowest.value > 0.0 else self.named(lowest, self.negative_pivots)
+        lowest = self.lowest_mode
+        return None if lowest.value > 0.0 else self.describe_instability(lowest, self.negative_pivots)
 
     @property
-    def softest(self) -> Softest:
+    def lowest_mode(self) -> LowestMode:
         """The lowest eigenvalue, with the mode of the film's nodes."""
         return self._lowest[0]
 
-    def named(self, lowest: Softest, ways: int) -> branching.Branching:
+    def describe_instability(self, lowest: LowestMode, ways: int) -> branching.Branching:
         """Return the description of a branching along a mode, with the number of unstable directions."""
         pressures = (self.pressure_Pa,) * self.solver.section.copies
         return branching.Branching(
@@ -132,7 +132,7 @@ class RestingChain:
             ways, None, None, branching.UNDECIDED, losses_held=self.solver.loads.losses_follow_shape,
         )  # fmt: skip
 
-    def footing(self, film: FilmPotential) -> branching.Footing:
+    def assess_stability(self, film: FilmPotential) -> branching.StabilityReport:
         """Return how firmly it stands.
 
         Args:
@@ -140,7 +140,7 @@ class RestingChain:
         """
         held, unstable = self.solver.loads.losses_follow_shape, self.unstable
         if unstable is not None:
-            return branching.Footing(None, np.inf, 0.0, losses_held=held, unstable=unstable)
+            return branching.StabilityReport(None, np.inf, 0.0, losses_held=held, unstable=unstable)
         section, frames, count = self.solver.section, self.frames, len(self.frames)
         (_, mode), motion, tip = self._lowest, self.motion, section.body.tip
         x = section.positions(frames, self.pressure_Pa)
@@ -165,13 +165,13 @@ class RestingChain:
         most = min(branching.MODES, len(mass)) - 1
         values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
         modes = natural_frequencies(values.tolist())
-        return branching.Footing(
+        return branching.StabilityReport(
             modes[0], tip_motion(np.arange(len(tip)), answers),
             *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
         )  # fmt: skip
 
     @cached_property
-    def _lowest(self) -> tuple[Softest, Array]:
+    def _lowest(self) -> tuple[LowestMode, Array]:
         """The lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
         mass = self.mass[np.ix_(self._free, self._free)]
         value, vector = scipy.linalg.eigh(self._matrix, mass, subset_by_index=(0, 0))
@@ -181,7 +181,7 @@ class RestingChain:
         scale = motion.ravel()[np.argmax(np.abs(motion))]
         x, free = section.positions(self.frames, self.pressure_Pa), np.ones(motion.shape, np.bool_)
         mode, place = motion / scale, place_of_largest(section.body, x, motion, free)
-        return Softest(float(value[0]), mode, place), vector[:, 0]
+        return LowestMode(float(value[0]), mode, place), vector[:, 0]
 
     def _grown(self, change: float, frames: Array) -> tuple[Loads, float]:
         """Return loads grown by a fraction, and the gas pressure that they have at frames (f, 4, 3)."""

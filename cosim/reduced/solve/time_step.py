@@ -13,7 +13,7 @@ from cosim.reduced.solve.reused_factor import ReusedFactor
 from cosim.reduced.solve.working_range import INSTEAD, check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.state import StepAim, StepOptions, flange_axes, inertia_weight
+from cosim.soft.solve.state import StepAccuracy, StepOptions, flange_axes, inertia_weight
 
 _STARTS = FREE_FLIGHT, STANDING, CARRIED
 """Free flight is the best start, unless it leaves the range of the model."""
@@ -50,33 +50,33 @@ class ChainStepper:
         scheme = self.scheme(step_s, first=chain.earlier is None)
         return ChainTask(clamp, scheme, chain, flange_axes(flange or Pose()), self.factor)
 
-    def step(self, task: ChainTask, loads: Loads, aim: StepAim | None = None) -> ChainStep:
+    def step(self, task: ChainTask, loads: Loads, accuracy: StepAccuracy | None = None) -> ChainStep:
         """Advance by one step.
 
         Args:
             task: of `task`.
             loads: at the end.
-            aim: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
+            accuracy: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
 
         Raises:
             ConvergenceError: no solution; the caller still holds the chain.
         """
         begin = task.begin
         assert begin is not None, "a step begins somewhere"
-        for start in _STARTS if aim is None or aim.start is None else (aim.start, *_STARTS):
+        for start in _STARTS if accuracy is None or accuracy.start is None else (accuracy.start, *_STARTS):
             found = solve_loaded(self._solver, task, loads, start, begin.pressure_Pa)
             if found.outcome is not Outcome.NOT_FINITE:
                 break
         if found.outcome is not Outcome.CONVERGED:
             raise self._failure(found, begin)
         check_pressure(self._solver.section, found.pressure_Pa, found.residual_N, found.iterations)
-        if aim is not None and found.residual_N > aim.tolerance_N:
-            return self._closer(task, loads, aim, found)
+        if accuracy is not None and found.residual_N > accuracy.tolerance_N:
+            return self._closer(task, loads, accuracy, found)
         return found
 
-    def _closer(self, task: ChainTask, loads: Loads, aim: StepAim, found: ChainStep) -> ChainStep:
+    def _closer(self, task: ChainTask, loads: Loads, accuracy: StepAccuracy, found: ChainStep) -> ChainStep:
         """Return a step solved as closely as asked for, or as it was found: rounding may leave no descent."""
-        _, fine = aim.newton(self._options)
+        _, fine = accuracy.newton(self._options)
         scheme = task.scheme._replace(tolerance_N=fine.tolerance_N, iterations_max=fine.iterations_max)
         task = task._replace(scheme=scheme)
         closer = solve_loaded(self._solver, task, loads, found.frames, found.pressure_Pa)

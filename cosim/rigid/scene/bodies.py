@@ -10,9 +10,9 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, cross
 from cosim.rigid.scene.added_inertia import AddedInertia, mass_places
 from cosim.rigid.scene.arm_layout import Mounting
-from cosim.rigid.scene.foresight import Foresight
 from cosim.rigid.scene.load_leaves import power_on_bodies
 from cosim.rigid.scene.mobility import active_constraints, jacobian_of, mobility
+from cosim.rigid.scene.pose_prediction import PosePrediction
 
 
 @final
@@ -23,7 +23,7 @@ class Bodies:
     with a load of `apply`, and `bearing` (bodies,) is 1 for these. `spins` (bodies, 6) are MuJoCo's
     velocities, angular then linear, at the centres of mass `tree_centers` (bodies, 3) [m] of their trees,
     each in row `roots` (bodies,); `positions` (bodies, 3) [m] and `axes` (bodies, 9) are the bodies' frames;
-    `flange` is the body of the flange, `foresight` the predicted motion. `carried` is the inertia that the
+    `flange` is the body of the flange, `prediction` the predicted motion. `carried` is the inertia that the
     arm's joints carry, `work_J` the work of contacts on bodies in the last rigid step.
 
     Args:
@@ -50,7 +50,7 @@ class Bodies:
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
         self.carried = AddedInertia(model, data, mounting)
         on_arm = self.carried.on_arm, mass_places(model, mounting)
-        self.foresight = Foresight(model, data, mounting.body, pace, on_arm)
+        self.prediction = PosePrediction(model, data, mounting.body, pace, on_arm)
 
     @property
     def loaded(self) -> IntArray:
@@ -131,7 +131,7 @@ class Bodies:
 
     def way_s2(self, tick_s: float) -> float:
         """Return the displacement [m] of a body by 1 m/s^2 over a tick of n steps: h^2 (n + 1) / (2 n)."""
-        steps = self.foresight.steps
+        steps = self.prediction.steps
         return tick_s**2 * (steps + 1) / (2 * steps)
 
     def mobility(self, bodies: IntArray, *, held: bool) -> Array:

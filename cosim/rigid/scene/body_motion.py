@@ -49,7 +49,7 @@ def add_way(motions: BodyMotions, ahead: Indices, of: int, time_s: float, lead: 
 
     Args:
         motions: velocities.
-        ahead: (bodies,), see `Foresight`.
+        ahead: (bodies,), see `PosePrediction`.
         of: only bodies with this value of `ahead` count.
         time_s: duration [s].
         lead: (bodies, 6), result: translation at the world's origin [m], then rotation [rad].

@@ -54,7 +54,7 @@ class CoupledScene(ABC):
         """Number of MuJoCo's steps into which a tick may be divided."""
         return 1
 
-    def go_finely(self, left: int | None) -> None:  # noqa: B027  # most scenes do not divide ticks
+    def set_substep(self, left: int | None) -> None:  # noqa: B027  # most scenes do not divide ticks
         """Divide ticks into single steps of MuJoCo; `left` of them remain in the tick. None: whole ticks."""
 
     @property

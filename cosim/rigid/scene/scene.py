@@ -163,7 +163,7 @@ class RigidScene(coupled_scene.CoupledScene):
 
     @property
     def tick_s(self) -> float:
-        """Length of a rigid step [s]: a tick of the clock, or a substep, see `go_finely`."""
+        """Length of a rigid step [s]: a tick of the clock, or a substep, see `set_substep`."""
         return self._step_s if self._pace[0] < self.substeps else self._tick_s
 
     @property
@@ -171,7 +171,7 @@ class RigidScene(coupled_scene.CoupledScene):
         """Number of MuJoCo's steps in a tick of the clock."""
         return self.description.substeps
 
-    def go_finely(self, left: int | None) -> None:
+    def set_substep(self, left: int | None) -> None:
         """Make a rigid step a single step of MuJoCo, with `left` of them in the tick; None: a whole tick."""
         self._pace[:] = self.substeps if left is None else (1, left)
 

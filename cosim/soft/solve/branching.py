@@ -36,7 +36,7 @@ class Branching:
             `LEFT` if it is seen on its way from one.
         snap: whether the branch ends without another one beside it, so that the body snaps to a far state;
             `place`, `direction` and `extent` are of that motion, `other_tip_m` is from where.
-        losses_held: see `Footing`.
+        losses_held: see `StabilityReport`.
     """
 
     load_factor: float
@@ -56,13 +56,13 @@ class Branching:
 MODES: Final = 4
 """How many natural frequencies a look finds."""
 DISTURBED: Final = 1e-6
-"""Of the load on each node, by how much it may be off in a `Footing`."""
+"""Of the load on each node, by how much it may be off in a `StabilityReport`."""
 _MOVES_m, _NEAR = 1e-3, 0.05
 
 
 @final
 @dataclass(frozen=True)
-class Footing:
+class StabilityReport:
     """How firmly a soft robot stands at the end of a phase, as if it was at rest there with its flange held.
 
     Args:

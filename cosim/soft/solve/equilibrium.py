@@ -26,7 +26,7 @@ from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve import branching, newton
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.stability import Softest, leave, named, softest
+from cosim.soft.solve.stability import LowestMode, describe_instability, lowest_mode, switch_branch
 from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
 
 _BED_N_m = 1e3  # c of the first step
@@ -244,11 +244,11 @@ class EquilibriumSolver:
         hanging = Loads((), (0.0,) * len(self.solver.film.body.cables), gravity)
         with self.effort.search("the equilibrium without pressure and tension"):
             try:
-                return self.leave(None, self.solve(state, world_from_flange, hanging))
+                return self.switch_branch(None, self.solve(state, world_from_flange, hanging))
             except ConvergenceError:
                 if not self.slides_max:
                     raise
-                return self.leave(None, self.slide(state, world_from_flange, hanging))
+                return self.switch_branch(None, self.slide(state, world_from_flange, hanging))
 
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
@@ -321,7 +321,7 @@ class EquilibriumSolver:
             state = here.state.carried(pose @ here.world_from_flange.inverse())
             self.effort.tries(load.cable_tension_N, done, load_factor)
             try:
-                found = self.leave(here, self.solve(state, pose, load))
+                found = self.switch_branch(here, self.solve(state, pose, load))
             except ConvergenceError as error:
                 spent, lost = spent + error.iterations, lost + error.iterations
                 if piece > 0.5**_SPLITS_MAX and lost < _LOST_MAX:
@@ -330,7 +330,7 @@ class EquilibriumSolver:
                 if slides == self.slides_max:
                     raise _given_up(error, done, spent) from None
                 try:
-                    found = self.leave(here, self.slide(state, pose, load))
+                    found = self.switch_branch(here, self.slide(state, pose, load))
                     slides, piece = slides + 1, 1.0
                 except ConvergenceError as last:
                     raise _given_up(last, done, spent + last.iterations) from None
@@ -362,22 +362,24 @@ class EquilibriumSolver:
         edges = np.concatenate((triangles[:, :2], triangles[:, 1:]))
         return edges, float(np.linalg.norm(drawn[edges[:, 1]] - drawn[edges[:, 0]], axis=1).sum())
 
-    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
-        """Return a stable equilibrium in place of one that is not, see `stability.leave`."""
-        return leave(self, begin, found)
+    def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium in place of one that is not, see `stability.switch_branch`."""
+        return switch_branch(self, begin, found)
 
     @property
     def body(self) -> SoftBody:
         """Whose equilibria they are."""
         return self.solver.film.body
 
-    def softest(self, here: Equilibrium) -> Softest:
+    def lowest_mode(self, here: Equilibrium) -> LowestMode:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
-        return softest(self.solver, here.state, here.loads, here.world_from_flange.rotation)
+        return lowest_mode(self.solver, here.state, here.loads, here.world_from_flange.rotation)
 
-    def named(self, here: Equilibrium, lowest: Softest) -> branching.Branching:
+    def describe_instability(self, here: Equilibrium, lowest: LowestMode) -> branching.Branching:
         """Return what is known of an equilibrium that gives way along a mode by itself."""
-        return named(self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0))
+        return describe_instability(
+            self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0)
+        )
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Find the equilibrium that a damped body slides to, however far from a state: the last resort.

@@ -123,7 +123,7 @@ class RestingFilm:
             own = np.flatnonzero(solver.free)
             return np.eye(solver.free.size)[:, own].reshape(*solver.free.shape, -1) / root
         frame = self.flange.rotation
-        found = stability.softest(solver, self.state, self.loads, frame, mass, count)
+        found = stability.lowest_mode(solver, self.state, self.loads, frame, mass, count)
         loaded = np.ascontiguousarray(np.moveaxis(np.where(solver.free[..., None], pushes, 0.0), 2, 0))
         both = np.concatenate([found.shapes, solver.linear.solve_all(loaded)])
         weighed = np.where(solver.free[..., None], root * np.moveaxis(both, 0, 2), 0.0)

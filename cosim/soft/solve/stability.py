@@ -23,7 +23,7 @@ from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
 from cosim.soft.linear.linear_solver import ShiftSearch
 from cosim.soft.solve import newton_options
-from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, Footing
+from cosim.soft.solve.branching import DISTURBED, MODES, UNDECIDED, Branching, StabilityReport
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.state import Equilibrium, SoftState
 
@@ -33,7 +33,7 @@ _TOLERANCE, _VECTORS = 1e-5, 8  # of the iteration
 
 @final
 @dataclass(frozen=True)
-class Softest:
+class LowestMode:
     """The lowest eigenvalue of K v = e W v.
 
     Args:
@@ -63,14 +63,14 @@ class Softest:
         return math.sqrt(float((self.mode**2).sum(axis=1).mean()))
 
 
-def softest(
+def lowest_mode(
     solver: NewtonSolver,
     state: SoftState,
     loads: Loads,
     frame: Array,
     weight: Array | None = None,
     count: int = 1,
-) -> Softest:
+) -> LowestMode:
     """Return the lowest eigenvalue of the static tangent K, and its mode: K v = e W v.
 
     Inverse Lanczos iteration on K + s W, s the shift that makes it positive definite, with sealed gas and
@@ -113,7 +113,7 @@ def softest(
     shapes = vectors.T[order].reshape(len(order), -1, 3) / root
     mode = shapes[0] / shapes[0].ravel()[np.argmax(np.abs(shapes[0]))]
     place = place_of_largest(solver.film.body, x, mode, solver.free)
-    return Softest(values[0], mode, place, tuple(values), shapes)
+    return LowestMode(values[0], mode, place, tuple(values), shapes)
 
 
 _PUSHES = 1e-3, 3e-3, 0.01, 0.02, 0.04, 0.08  # off an unstable equilibrium, in turn; of the body's size
@@ -139,10 +139,10 @@ class BranchFollower(Protocol):
     def body(self) -> SoftBody:
         """Of the film, on whose nodes all is said."""
 
-    def softest(self, here: Equilibrium) -> Softest:
+    def lowest_mode(self, here: Equilibrium) -> LowestMode:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
 
-    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+    def describe_instability(self, here: Equilibrium, lowest: LowestMode) -> Branching:
         """Return what is known of an equilibrium that gives way along a mode by itself."""
 
     def solve(
@@ -157,7 +157,7 @@ class BranchFollower(Protocol):
         """Find the equilibrium that a damped body slides to."""
 
 
-def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+def switch_branch(follower: BranchFollower, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
     """Return a stable equilibrium in place of one that is not; one that is stable as it is.
 
     Where stable equilibria end is looked for between `begin` and `found`; also where Newton's method met an
@@ -185,12 +185,12 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
         saddle, spent = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:
             return _snapped(follower, fork, replace(found, iterations=spent))
-        lowest = follower.softest(saddle)
+        lowest = follower.lowest_mode(saddle)
         ends = _sides(follower, saddle, lowest) if leaves else []
         why, *taken = _choice(saddle, ends) if leaves else (ON_PURPOSE,)
         tips = [_tip(follower, end) for end in (*taken, None, None)]
         branching = replace(
-            follower.named(saddle, lowest),
+            follower.describe_instability(saddle, lowest),
             load_factor=fork.share,
             tip_m=tips[0],
             other_tip_m=tips[1],
@@ -203,10 +203,10 @@ def leave(follower: BranchFollower, begin: Equilibrium | None, found: Equilibriu
         return replace(here, iterations=spent, branchings=(branching, *here.branchings))
 
 
-def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
+def find_instability(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Branching | None:
     """Return in which direction a body in motion would give way if it was at rest; None where it would not.
 
-    Of open ends nothing is known from a symmetric part that is not positive definite, see `footing`.
+    Of open ends nothing is known from a symmetric part that is not positive definite, see `assess_stability`.
 
     Args:
         solver: Newton's method for the body with the clamp in force, of symmetric parts of tangents; its
@@ -218,7 +218,11 @@ def undecided(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array
     if not solver.film.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
     ways = solver.negative_pivots(state.positions, state.memory, loads)
-    return named(solver, state, loads, softest(solver, state, loads, frame), ways) if ways else None
+    return (
+        describe_instability(solver, state, loads, lowest_mode(solver, state, loads, frame), ways)
+        if ways
+        else None
+    )
 
 
 _GROWTH, _MOVES_m = 1e-3, 1e-5  # of the loads, and of the body with them at most, in a look ahead
@@ -226,7 +230,7 @@ _PROBE_m = 1e-7  # half of the step of differences
 _DRIVEN = 0.5  # share of the answer to more load that is in the lowest mode, where it snaps
 
 
-def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> Footing:
+def assess_stability(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) -> StabilityReport:
     """Return how firmly a body stands, as if it was at rest.
 
     All is by the one factorisation that the lowest mode takes: three solutions for a disturbance, one for
@@ -243,13 +247,17 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     held = _losses_held(solver, loads)
     mass = film.body.node_mass
     weight = mass if (mass > 0.0).all() else None
-    lowest = softest(solver, state, loads, frame, weight, MODES)
+    lowest = lowest_mode(solver, state, loads, frame, weight, MODES)
     if not lowest.value > 0.0:
         if not film.conservative:  # it may be stable all the same
-            return Footing(None, math.inf, math.inf, losses_held=held)
+            return StabilityReport(None, math.inf, math.inf, losses_held=held)
         ways = max(1, solver.negative_pivots(x, state.memory, loads))
-        return Footing(
-            None, math.inf, 0.0, losses_held=held, unstable=named(solver, state, loads, lowest, ways)
+        return StabilityReport(
+            None,
+            math.inf,
+            0.0,
+            losses_held=held,
+            unstable=describe_instability(solver, state, loads, lowest, ways),
         )
     growth = _Growth(solver, state, loads)
     force = growth.force
@@ -259,7 +267,7 @@ def footing(solver: NewtonSolver, state: SoftState, loads: Loads, frame: Array) 
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     modes = () if weight is None else natural_frequencies(lowest.values)
     losses = () if weight is None else material_losses(film, x, lowest.shapes)
-    return Footing(
+    return StabilityReport(
         modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes, losses_per_s=losses
     )
 
@@ -365,13 +373,13 @@ class _Growth:
         found = nodal_loads(solver.film, state.positions, state.memory, loads)
         self.force = np.where(solver.free, found, 0.0)
 
-    def margin(self, lowest: Softest, answer: Array, weight: Array | None) -> tuple[float, bool]:
+    def margin(self, lowest: LowestMode, answer: Array, weight: Array | None) -> tuple[float, bool]:
         """Return by what share the loads may grow until the lowest stiffness is zero, and if they drive it.
 
         Args:
             lowest: eigenvalue and mode.
             answer: (n, 3) [m], of the body to twice the loads, linear.
-            weight: of `softest`.
+            weight: of `lowest_mode`.
         """
         most = float(np.abs(answer).max())
         share = min(_GROWTH, _MOVES_m / most) if most else _GROWTH
@@ -399,7 +407,9 @@ class _Growth:
         return np.where(self._solver.free, film.gradient, 0.0)
 
 
-def named(solver: NewtonSolver, state: SoftState, loads: Loads, lowest: Softest, ways: int) -> Branching:
+def describe_instability(
+    solver: NewtonSolver, state: SoftState, loads: Loads, lowest: LowestMode, ways: int
+) -> Branching:
     """Return what is known of an unstable equilibrium by itself.
 
     Args:
@@ -502,7 +512,7 @@ def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
     most = int(np.argmax(np.linalg.norm(motion, axis=1)))
     mode = motion / np.abs(motion).max()
     place = place_of_largest(follower.body, carried.positions, mode, np.ones(mode.shape, np.bool_))
-    named = follower.named(replace(after, state=carried), Softest(0.0, mode, place))
+    named = follower.describe_instability(replace(after, state=carried), LowestMode(0.0, mode, place))
     x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
     tips = [_tip(follower, end) for end in (after, before)]
     return replace(
@@ -521,7 +531,7 @@ def _solved(
         return follower.slide(state, world_from_flange, loads)
 
 
-def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: Softest) -> list[Equilibrium]:
+def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: LowestMode) -> list[Equilibrium]:
     """Return the stable equilibria on both sides of an unstable one, that along its mode first; at most two.
 
     What is pushed off to one side may come to rest on the other, or nearby: wrinkles that snap on the way
@@ -560,7 +570,7 @@ def _descended(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Eq
             return replace(here, iterations=spent)
         if _motion(saddle, here) < math.sqrt(float((push**2).sum(axis=1).mean())):  # back where it was
             return None
-        mode = follower.softest(here).mode
+        mode = follower.lowest_mode(here).mode
         push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
     return None
 

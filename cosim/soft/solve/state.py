@@ -536,7 +536,7 @@ def mode_decay(
         step_s: h [s].
         losses_per_s: c, see `StepOptions`.
         frequency_Hz: w / 2 pi, without losses.
-        own_per_s: of the mode's materials, comes to c; see `Footing`.
+        own_per_s: of the mode's materials, comes to c; see `StabilityReport`.
     """
     half = 0.5 * (losses_per_s + own_per_s)
     eigenvalue = -half + cmath.sqrt(half**2 - (2.0 * math.pi * frequency_Hz) ** 2)
@@ -572,7 +572,7 @@ class StepScheme:
 
 @final
 @dataclass(frozen=True)
-class StepAim:
+class StepAccuracy:
     """How closely a step is solved that is taken again and again.
 
     Args:

@@ -25,7 +25,7 @@ from cosim.soft.solve.state import (
     Clamp,
     Damped,
     SoftState,
-    StepAim,
+    StepAccuracy,
     StepOptions,
     StepScheme,
     flange_axes,
@@ -80,7 +80,7 @@ class Stepper:
         loads: Loads,
         step_s: float,
         before: Pose | None = None,
-        aim: StepAim | None = None,
+        accuracy: StepAccuracy | None = None,
     ) -> tuple[SoftState, NewtonResult]:
         """Return the state after a step, with the flange at its new pose, and how it was solved.
 
@@ -90,7 +90,7 @@ class Stepper:
             loads: at the end.
             step_s: h [s].
             before: pose of the flange at the beginning; with it, a large turn finds a better start.
-            aim: how closely; as an ordinary step unless given.
+            accuracy: how closely; as an ordinary step unless given.
 
         Raises:
             InputError: the step is not positive, or not finite.
@@ -100,15 +100,15 @@ class Stepper:
             raise InputError(f"step {step_s} s must be positive and finite")
         films = self.self_contact
         if films is None:
-            return self._step(state, world_from_flange, loads, step_s, before, aim)
+            return self._step(state, world_from_flange, loads, step_s, before, accuracy)
         waits, films.work_J = films.waits(state), 0.0
         acting = loads if waits else loads.with_films(films.step_pairs(state, step_s))
-        end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
+        end, result = self._step(state, world_from_flange, acting, step_s, before, accuracy)
         if waits and films.press(end, step_s):
             pairs = films.step_pairs(state, step_s)
             if pairs is not None:
                 acting = loads.with_films(pairs)
-                end, result = self._step(state, world_from_flange, acting, step_s, before, aim)
+                end, result = self._step(state, world_from_flange, acting, step_s, before, accuracy)
         return end, result
 
     def _step(
@@ -118,17 +118,17 @@ class Stepper:
         loads: Loads,
         step_s: float,
         before: Pose | None,
-        aim: StepAim | None,
+        accuracy: StepAccuracy | None,
     ) -> tuple[SoftState, NewtonResult]:
         """Return the state after a step with the films that may touch one another in it; see `step`.
 
         Free flight is the better start, unless it takes films too far; then the step begins where it is.
         """
         scheme, flange = self.scheme_of(state, step_s), flange_axes(world_from_flange)
-        begun = None if aim is None else aim.start
-        if aim is not None and aim.tolerance_N >= self.options.tolerance_N:
-            aim = None
-        inertia = self._predict(state, flange, scheme, step_s, aim)
+        begun = None if accuracy is None else accuracy.start
+        if accuracy is not None and accuracy.tolerance_N >= self.options.tolerance_N:
+            accuracy = None
+        inertia = self._predict(state, flange, scheme, step_s, accuracy)
         flight, jumps = self._flight(state, flange, step_s)
         starts = [flight, state.positions]
         if before is not None and _turn(before, world_from_flange) > LARGE_TURN_RAD:
@@ -142,9 +142,9 @@ class Stepper:
             unchecked(place_held)(self.clamp.held, flange, x)
             problem = self._problem(state, x, flange, loads, inertia)
             began = self._open_folds(problem, state, flange, x) if start is flight else None
-            result = self._solve(problem, state, x, aim, jumps, began)
+            result = self._solve(problem, state, x, accuracy, jumps, began)
             spent += result.iterations
-            if result.converged or self._acceptable(result, aim):
+            if result.converged or self._acceptable(result, accuracy):
                 return self._end(state, result, scheme, loads), replace(result, iterations=spent)
         body, gradient = self.solver.film.body, self.solver.film.gradient
         where = place_of_largest(body, result.positions, gradient, self.solver.free)
@@ -156,7 +156,12 @@ class Stepper:
         )
 
     def _predict(
-        self, state: SoftState, flange: Array, scheme: StepScheme, step_s: float, aim: StepAim | None
+        self,
+        state: SoftState,
+        flange: Array,
+        scheme: StepScheme,
+        step_s: float,
+        accuracy: StepAccuracy | None,
     ) -> Inertia:
         """Return inertia and losses of a step as an elastic bed; fill the base of its velocities."""
         x, v, bed = state.positions, state.velocities, scheme.bed
@@ -165,7 +170,7 @@ class Stepper:
             unchecked(follow_flange)(self.clamp.held, flange, x, earlier_x, bed, self._along)
         unchecked(fill_bed)(x, v, earlier_x, earlier_v, self._along, bed, self._base, self._target)
         self.fill_rates(state, scheme)
-        closely, last = self.options.closely or aim is not None, self._inertia
+        closely, last = self.options.closely or accuracy is not None, self._inertia
         if last is None or last.coefficient is not scheme.inertia or last.closely is not closely:
             last = self._inertia = Inertia(scheme.inertia, self._target, step_s, closely, self.rates)
         return last
@@ -207,7 +212,7 @@ class Stepper:
         problem: Problem,
         state: SoftState,
         x: Array,
-        aim: StepAim | None,
+        accuracy: StepAccuracy | None,
         jumps: bool,
         began: Evaluation | None,
     ) -> NewtonResult:
@@ -219,13 +224,13 @@ class Stepper:
             problem: of the step.
             state: where it begins.
             x: (n, 3) [m], where Newton's method starts; changed.
-            aim: how closely; as an ordinary step unless given.
+            accuracy: how closely; as an ordinary step unless given.
             jumps: whether the flange does.
             began: at x, where that was evaluated last.
         """
         loads, film = problem.acting.loads, problem.film
-        if aim is not None:
-            bounds: tuple[NewtonOptions, ...] = aim.newton(self.options)
+        if accuracy is not None:
+            bounds: tuple[NewtonOptions, ...] = accuracy.newton(self.options)
         elif jumps or loads.contact is not None or loads.self_contact is not None:
             bounds = (self._whole,)
         else:
@@ -235,17 +240,19 @@ class Stepper:
             done = self.solver.run(problem, x, bound, began)
             spent, failed = spent + done.iterations, failed + done.tangents + done.failed
             result = replace(self._result(problem, x, done), iterations=spent, factorisations=failed)
-            if self._ends(result, aim, bound is bounds[-1]):
+            if self._ends(result, accuracy, bound is bounds[-1]):
                 break
-            memory = film.unslid(result.memory, state.memory) if aim is None else film.fresh(state.memory)
+            memory = (
+                film.unslid(result.memory, state.memory) if accuracy is None else film.fresh(state.memory)
+            )
             np.copyto(film.before, memory)
             began = None
-        return self._with_losses(problem, state, x, result, aim)
+        return self._with_losses(problem, state, x, result, accuracy)
 
-    def _ends(self, result: NewtonResult, aim: StepAim | None, last: bool) -> bool:
+    def _ends(self, result: NewtonResult, accuracy: StepAccuracy | None, last: bool) -> bool:
         """Return whether no closer solution follows."""
-        if aim is not None:
-            return not result.converged or result.residual_N < aim.tolerance_N
+        if accuracy is not None:
+            return not result.converged or result.residual_N < accuracy.tolerance_N
         return last or result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result)
 
     def _result(self, problem: Problem, x: Array, done: NewtonProgress) -> NewtonResult:
@@ -254,16 +261,21 @@ class Stepper:
         return done.result(x, problem.film.memory.copy())
 
     def _with_losses(
-        self, problem: Problem, state: SoftState, x: Array, result: NewtonResult, aim: StepAim | None
+        self,
+        problem: Problem,
+        state: SoftState,
+        x: Array,
+        result: NewtonResult,
+        accuracy: StepAccuracy | None,
     ) -> NewtonResult:
         """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
         film, acting = self.solver.film, problem.acting
         if not losses_follow(film.body.cables, acting.loads.cable_length_m):
             return result
-        bound = self.options.tolerance_N if aim is None else aim.tolerance_N
+        bound = self.options.tolerance_N if accuracy is None else accuracy.tolerance_N
         options = replace(self.options.newton, tolerance_N=bound, start_tolerance_N=bound)
         for _ in range(_LOSS_ROUNDS_MAX):
-            if not (result.converged or self._acceptable(result, aim)):
+            if not (result.converged or self._acceptable(result, accuracy)):
                 break
             memory, x = film.unslid(result.memory, state.memory), x.copy()
             again = self.solver.problem(x, memory, acting.loads, acting.inertia, problem.frame)
@@ -280,9 +292,9 @@ class Stepper:
                 break
         return result
 
-    def _acceptable(self, result: NewtonResult, aim: StepAim | None = None) -> bool:
+    def _acceptable(self, result: NewtonResult, accuracy: StepAccuracy | None = None) -> bool:
         """Return whether an ordinary step may end here: all iterations spent, residual within its bound."""
-        if aim is not None:
+        if accuracy is not None:
             # below an ordinary step's tolerance rounding may leave no descent
             return result.residual_N <= self.options.tolerance_N
         return result.outcome is Outcome.ITERATION_LIMIT and result.residual_N <= self._bound_N

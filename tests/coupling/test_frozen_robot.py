@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Pose, rotation_from_vector
-from cosim.coupling.soft_sides.frozen_body import FrozenBody
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
+from cosim.coupling.robots.film_robot import FilmRobot
+from cosim.coupling.robots.frozen_robot import FrozenRobot
 from cosim.errors import InputError
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.obstacle_contact import ContactPlanes
@@ -23,10 +23,10 @@ SPIN = np.array([1.0, -2.0, 3.0])  # [rad/s], world axes
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
-def frozen(air_drag_per_s: float = 0.0) -> FrozenBody:
+def frozen(air_drag_per_s: float = 0.0) -> FrozenRobot:
     """Return an inflated arm of two units, frozen in the equilibrium of its start."""
-    arm = FrozenBody(SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), air_drag_per_s)
-    arm.settle(arm.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
+    arm = FrozenRobot(FilmRobot(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions()), air_drag_per_s)
+    arm.commit(arm.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
 
@@ -36,10 +36,12 @@ def turning(time_s: float) -> Pose:
 
 
 def test_it_keeps_the_inflated_shape_of_the_start_and_its_weight() -> None:
-    arm, flexible = frozen(), SoftArm(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions())
+    arm, flexible = frozen(), FilmRobot(hexagon_arm(2), HANGING, NewtonOptions(), StepOptions())
     found = flexible.start(HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)))
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
-    assert arm.volumes_m3[0] > 2.0 * SoftArm(arm.body, HANGING, NewtonOptions(), StepOptions()).volumes_m3[0]
+    assert (
+        arm.volumes_m3[0] > 2.0 * FilmRobot(arm.body, HANGING, NewtonOptions(), StepOptions()).volumes_m3[0]
+    )
     loads = no_load(arm.body, pressure_Pa=())
     reply = arm.advance(HANGING, loads, STEP_S)
     assert arm.state.positions == pytest.approx(found.state.positions, abs=1e-12)
@@ -81,7 +83,7 @@ def test_work_is_that_of_the_wrench_and_drag_takes_its_share() -> None:
     shifted = Pose(HANGING.rotation, HANGING.translation + np.array([1e-3, 0.0, 0.0]))
     reply, slowed = (a.advance(shifted, no_load(a.body), STEP_S) for a in (arm, damped))
     way = shifted.translation - HANGING.translation
-    work = arm.work_taken_in(np.tile(way, (arm.body.nodes, 1)))
+    work = arm.supplied_work(np.tile(way, (arm.body.nodes, 1)))
     assert work == pytest.approx(-reply.wrench.force @ way, rel=1e-9)
     # 1 m/s
     assert slowed.wrench.force[0] - reply.wrench.force[0] == pytest.approx(-2.0 * arm.body.mass_kg)

@@ -9,8 +9,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.coupling.film_figures import ShapeFigures
-from cosim.coupling.soft_sides.shape_moments import ShapeMoments
+from cosim.coupling.robots.shape_moments import ShapeMoments
+from cosim.coupling.shape_figures import ShapeFigures
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.places import center_rings, ring_figures
 
@@ -39,7 +39,7 @@ def centers_of(rings: Array) -> Array:
 
 
 class ShapeReader(ABC):
-    """Reads the shapes that a soft side has kept with `SoftSide.shape_now`."""
+    """Reads the shapes that a soft side has kept with `SoftRobot.current_shape`."""
 
     @abstractmethod
     def positions(self, shape: Any) -> Array:

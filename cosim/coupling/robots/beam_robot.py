@@ -8,8 +8,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
-from cosim.coupling.film_figures import ShapeFigures
-from cosim.coupling.soft_sides import chain_equilibria, shape_reader, soft_side
+from cosim.coupling.robots import chain_equilibria, shape_reader, soft_robot
+from cosim.coupling.shape_figures import ShapeFigures
 from cosim.errors import ConvergenceError, InputError, TickWorkError
 from cosim.reduced.section_model import SectionBody, carried
 from cosim.reduced.sections.figures import CENTER, center_and_inertia, figures_of, supplied_wrench
@@ -29,11 +29,18 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import tip_search
-from cosim.soft.solve.branching import Branching, Footing
+from cosim.soft.solve.branching import Branching, StabilityReport
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
-from cosim.soft.solve.stability import Softest, leave
-from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAim, StepOptions, inertia_weight
+from cosim.soft.solve.stability import LowestMode, switch_branch
+from cosim.soft.solve.state import (
+    Equilibrium,
+    Obstacles,
+    SoftState,
+    StepAccuracy,
+    StepOptions,
+    inertia_weight,
+)
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 _LEAVES_MAX = 50  # a stack that leans is nearly neutral about its axis: it may give way again and again
@@ -41,7 +48,7 @@ _LEAVES_MAX = 50  # a stack that leans is nearly neutral about its axis: it may 
 
 @final
 @dataclass(frozen=True)
-class SectionArmState:
+class BeamRobotState:
     """What the next step of a section arm depends on.
 
     Args:
@@ -114,7 +121,7 @@ def _stacked(shapes: Sequence[ChainStep]) -> tuple[Array, Array]:
 
 
 @final
-class SectionArm(soft_side.SoftSide):
+class BeamRobot(soft_robot.SoftRobot):
     """A chain of frames held by the flange; owns solver and state.
 
     The film's own nodes are made from the frames when somebody asks. `final` is a kind of error after which a
@@ -142,7 +149,7 @@ class SectionArm(soft_side.SoftSide):
         loads = Loads((), (0.0,) * len(self.body.cables), (0.0, 0.0, 0.0))
         drawn = ChainState.at_rest(carried(section.frames.drawn, world_from_flange), 0.0)
         last = self._standing(drawn, np.zeros((len(drawn.frames), 6)), clamp)
-        self._now = SectionArmState(last, clamp, world_from_flange, loads)
+        self._now = BeamRobotState(last, clamp, world_from_flange, loads)
         self._film: SoftState | None = None
         # where the last step began, and where the one that was undone had ended
         self._begin = self._now
@@ -180,23 +187,25 @@ class SectionArm(soft_side.SoftSide):
         figures = figures_of(chain.frames, clamp.free, self.section.mass, gradient)
         return ChainStep(chain, gradient, figures, Outcome.CONVERGED, 0, 0.0)
 
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_robot.SoftReply:
         """Advance by one step, with the flange at its new pose."""
         return self._advance(world_from_flange, loads, step_s, None)
 
-    def advance_closely(
-        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> soft_side.SoftReply:
+    def advance_accurately(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy
+    ) -> soft_robot.SoftReply:
         """Advance by one step, as closely as asked for."""
-        start = None if aim.start is None else self._reached
-        return self._advance(world_from_flange, loads, step_s, StepAim(aim.tolerance_N, start))
+        start = None if accuracy.start is None else self._reached
+        return self._advance(world_from_flange, loads, step_s, StepAccuracy(accuracy.tolerance_N, start))
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step; where it ended is a start for the next one."""
         self._reached = self._now.last.frames
         self._now, self._film = self._begin, before
 
-    def _advance(self, flange: Pose, loads: Loads, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
+    def _advance(
+        self, flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy | None
+    ) -> soft_robot.SoftReply:
         begin = self._begin = self._now
         stepper, drives = (
             (self._step, self.restart, self.work),
@@ -205,23 +214,25 @@ class SectionArm(soft_side.SoftSide):
         self._film = None
         try:
             with self.work:
-                iterations = soft_side.step_or_halves(stepper, *drives, step_s, aim, self.final)
+                iterations = soft_robot.step_with_halving(stepper, *drives, step_s, accuracy, self.final)
         except BaseException:
             self._now = begin
             raise
         last = self._now.last
-        return soft_side.SoftReply(supplied_wrench(last.figures), last.residual_N, iterations)
+        return soft_robot.SoftReply(supplied_wrench(last.figures), last.residual_N, iterations)
 
-    def _step(self, _begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
+    def _step(
+        self, _begin: soft_robot.Drive, end: soft_robot.Drive, step_s: float, accuracy: StepAccuracy | None
+    ) -> int:
         now, (flange, loads) = self._now, end
         task = self._stepper.task(now.last.chain, now.clamp, step_s, flange)
         try:
-            last = self._stepper.step(task, loads, aim)
+            last = self._stepper.step(task, loads, accuracy)
         except ConvergenceError as error:
             self.work.spend(error.iterations, error.residual_N)
             raise
         self.work.iterations += last.iterations
-        self._now = SectionArmState(last, now.clamp, flange, loads)
+        self._now = BeamRobotState(last, now.clamp, flange, loads)
         return last.iterations
 
     def restart(self) -> None:
@@ -230,9 +241,9 @@ class SectionArm(soft_side.SoftSide):
         self._now = replace(self._now, last=replace(last, chain=replace(last.chain, earlier=None)))
 
     @property
-    def answer_weights(self) -> tuple[float, ...]:
-        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
-        return soft_side.answer_weights(self._dynamics.integrator)
+    def reaction_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `reaction_weights`."""
+        return soft_robot.reaction_weights(self._dynamics.integrator)
 
     def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the equilibrium before the first phase: hung up without pressure, then loaded."""
@@ -250,15 +261,15 @@ class SectionArm(soft_side.SoftSide):
         """Follow an equilibrium to another flange pose and other loads; the present state stays."""
         pressure = self._now.last.pressure_Pa
         found = self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
-        return self.leave(begin, found)
+        return self.switch_branch(begin, found)
 
-    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
-        """Return a stable equilibrium in place of one that is not, see `stability.leave`."""
+    def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+        """Return a stable equilibrium in place of one that is not, see `stability.switch_branch`."""
         if self._leaves >= _LEAVES_MAX:
             return found
         self._leaves += 1
         try:
-            return leave(self, begin, found)
+            return switch_branch(self, begin, found)
         finally:
             self._leaves -= 1
 
@@ -266,25 +277,25 @@ class SectionArm(soft_side.SoftSide):
         """Find the equilibrium below a state: Newton's method with inertia correction goes there."""
         return self.solve(state, world_from_flange, loads)
 
-    def softest(self, here: Equilibrium) -> Softest:
+    def lowest_mode(self, here: Equilibrium) -> LowestMode:
         """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
-        return self._resting_at(here).softest
+        return self._resting_at(here).lowest_mode
 
-    def named(self, here: Equilibrium, lowest: Softest) -> Branching:
+    def describe_instability(self, here: Equilibrium, lowest: LowestMode) -> Branching:
         """Return what is known of an equilibrium that gives way along a mode by itself."""
-        return self._resting_at(here).named(lowest, max(1, here.negative_pivots or 0))
+        return self._resting_at(here).describe_instability(lowest, max(1, here.negative_pivots or 0))
 
     def _resting_at(self, here: Equilibrium) -> RestingChain:
         return self._resting(self.chain_of(here.state, here.world_from_flange), here.loads)
 
-    def undecided(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Branching | None:
+    def find_instability(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
         resting = self._resting(shape.chain, loads)
         return resting.unstable if resting.negative_pivots else None
 
-    def footing(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> Footing:
+    def assess_stability(self, shape: ChainStep, world_from_flange: Pose, loads: Loads) -> StabilityReport:
         """Return how firmly a shape stands, as if it was at rest."""
-        return self._resting(shape.chain, loads).footing(self._system)
+        return self._resting(shape.chain, loads).assess_stability(self._system)
 
     @cached_property
     def _system(self) -> FilmPotential:
@@ -309,26 +320,26 @@ class SectionArm(soft_side.SoftSide):
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
         return tip_search.find_flange_pose(self, begin, target, options).equilibrium
 
-    def settle(self, found: Equilibrium) -> None:
+    def commit(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         chain = self.chain_of(found.state, found.world_from_flange)
         gradient = self._resting(chain, found.loads).gradient
         # what touches is found again in every step
         loads = replace(found.loads, contact=None)
         last = self._standing(chain, gradient, self.clamp)
-        self._now, self._film = SectionArmState(last, self.clamp, found.world_from_flange, loads), found.state
+        self._now, self._film = BeamRobotState(last, self.clamp, found.world_from_flange, loads), found.state
 
-    def stand_against(self, obstacles: Obstacles | None) -> None:
+    def set_obstacles(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self._equilibria.obstacles = obstacles
 
-    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+    def hold_components(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they go with the flange."""
         now = self._now
         clamp = now.clamp.holding(self.section, held, now.last.frames, world_from_flange)
         self._now = replace(now, clamp=clamp)
 
-    def let_go(self, nodes: IntArray) -> None:
+    def release(self, nodes: IntArray) -> None:
         """Hold the rings of the given nodes (m,) no longer."""
         self._now = replace(self._now, clamp=self.clamp.without(self.section, nodes))
 
@@ -338,18 +349,18 @@ class SectionArm(soft_side.SoftSide):
         return linear_step(resting, self._dynamics.bed(step_s))
 
     @property
-    def full_state(self) -> SectionArmState:
+    def full_state(self) -> BeamRobotState:
         """All that the next step depends on."""
         return replace(self._now, factor=self._stepper.factor.save_state(self.clamp))
 
     @full_state.setter
-    def full_state(self, state: SectionArmState) -> None:
+    def full_state(self, state: BeamRobotState) -> None:
         state.check(len(self.section.frames))
         self._now, self._film = replace(state, factor=None), None
         self._stepper.factor.restore_state(state.factor, state.clamp)
 
     @property
-    def end_state(self) -> SectionArmState:
+    def end_state(self) -> BeamRobotState:
         """Where it is, how it is held, and what acts on it."""
         return self._now
 
@@ -387,7 +398,7 @@ class SectionArm(soft_side.SoftSide):
         rates[:, :, 1:] = cross(np.broadcast_to(step[:, :, None, 3:], axes.shape), axes)
         return self.section.films(rates, np.full(len(rates), pressure))
 
-    def work_taken_in(self, displacement: Array) -> float:
+    def supplied_work(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         rates = rates_from_nodes(self.section.frames, self._now.last.frames, displacement)
         frames, bases = self._now.last.frames, self.section.frames.bases
@@ -399,7 +410,7 @@ class SectionArm(soft_side.SoftSide):
         moved[bases, 3:] = flange[3:]
         return float(np.einsum("fi,fi->", self._now.last.gradient[self.clamp.held], moved[self.clamp.held]))
 
-    def shape_now(self) -> ChainStep:
+    def current_shape(self) -> ChainStep:
         """Return where the last step ended: its frames, and the pressure that the nodes on them depend on."""
         return self._now.last
 
@@ -434,6 +445,6 @@ class SectionArm(soft_side.SoftSide):
     def fill_mass(self, figures: Array) -> None:
         figures[CENTER:] = self._now.last.figures[CENTER:]
 
-    def mass_properties(self) -> soft_side.MassProperties:
+    def mass_properties(self) -> soft_robot.MassProperties:
         """Return mass, centre and inertia at the present shape."""
-        return soft_side.MassProperties(self.section.mass_kg, *center_and_inertia(self._now.last.figures))
+        return soft_robot.MassProperties(self.section.mass_kg, *center_and_inertia(self._now.last.figures))

@@ -7,7 +7,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks import ServoCommands
 from cosim.errors import ConvergenceError, InstabilityError
 from cosim.reduced.sections.figures import supplied_wrench
 from cosim.rigid.scene.scene import RigidScene
@@ -15,8 +15,11 @@ from cosim.rigid.scene.scene import RigidScene
 _ANGLE, _SPEED, _ACCELERATION, _FIGURE = 1e-6, 1e-5, 1e-3, 1e-4
 
 
-def rigid_slopes(
-    interface: Interface, carried: CarriedInertia, servos: Callable[[Array, Array], Servos], reference: Array
+def rigid_jacobian(
+    interface: Interface,
+    carried: CarriedInertia,
+    servos: Callable[[Array, Array], ServoCommands],
+    reference: Array,
 ) -> Array:
     """Return how the arm's state ends after the rigid step of a tick, to first order.
 
@@ -42,7 +45,7 @@ def rigid_slopes(
     ends, start, scale = np.cumsum(sizes)[:-1], np.concatenate(here), np.repeat(steps, sizes)
 
     def after(values: Array) -> Array:
-        position, speed, felt, load, aim, pace = np.split(values, ends)
+        position, speed, felt, load, accuracy, pace = np.split(values, ends)
         scene.state = saved
         scene.set_joint_state(position, speed)
         if carries:
@@ -50,9 +53,9 @@ def rigid_slopes(
             carried.past[:] = felt[joints:].reshape(past.shape)
         interface.figures[:] = load
         interface.load_flange(supplied_wrench(load))
-        carried.give_back(scene)
+        carried.compensate(scene)
         try:
-            interface.step_rigid(servos(aim, pace).row(0), taken)
+            interface.step_rigid(servos(accuracy, pace).row(0), taken)
         except InstabilityError as error:
             raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0) from error
         felt = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]

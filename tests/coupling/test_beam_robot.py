@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.section_arm import SectionArm
-from cosim.coupling.soft_sides.shape_reader import MeshReader
+from cosim.coupling.robots.beam_robot import BeamRobot
+from cosim.coupling.robots.film_robot import FilmRobot
+from cosim.coupling.robots.shape_reader import MeshReader
 from cosim.errors import InputError, UnreachableError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
@@ -24,9 +24,9 @@ FLANGE = Pose(rotation_from_vector(np.array([0.0, np.pi, 0.0])), np.array([0.3, 
 SIDEWAYS = Pose(rotation_from_vector(np.array([0.0, 0.9 * np.pi / 2.0, 0.0])), FLANGE.translation)
 
 
-def arms(dynamics: StepOptions | None = None) -> tuple[SectionArm, SoftArm]:
+def arms(dynamics: StepOptions | None = None) -> tuple[BeamRobot, FilmRobot]:
     options = dynamics or StepOptions(newton=NewtonOptions(reuse_max=6))
-    return SectionArm(section(), FLANGE, STATICS, options), SoftArm(body(), FLANGE, STATICS, options)
+    return BeamRobot(section(), FLANGE, STATICS, options), FilmRobot(body(), FLANGE, STATICS, options)
 
 
 def length(x: Array) -> float:
@@ -48,7 +48,7 @@ def test_the_tip_is_where_the_film_has_it(
     tips = []
     for arm in arms():
         begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
-        arm.settle(begin)
+        arm.commit(begin)
         found = arm.follow(begin, flange, Loads((pressure,), tension))
         tips.append((body().tip_position(found.state.positions), found.wrench, length(found.state.positions)))
     (tip, wrench, _), (film_tip, film_wrench, size) = tips
@@ -77,8 +77,8 @@ def test_nodes_made_from_frames_give_back_the_frames() -> None:
 def test_the_volume_is_that_of_the_film() -> None:
     arm, film = arms()
     found, lumped = (a.start(FLANGE, Loads((25e3,), (0.0, 0.0))) for a in (arm, film))
-    arm.settle(found)
-    film.settle(lumped)
+    arm.commit(found)
+    film.commit(lumped)
     assert arm.volumes_m3[0] == pytest.approx(
         film.volumes_m3[0], rel=0.04
     )  # coarse splines have rough slopes
@@ -86,8 +86,8 @@ def test_the_volume_is_that_of_the_film() -> None:
 
 def test_what_is_asked_of_a_past_state_is_of_that_state() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
-    reader, shape = arm.shape_reader(), arm.shape_now()
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    reader, shape = arm.shape_reader(), arm.current_shape()
     before = arm.state.positions.copy(), arm.volumes_m3
     for tick in range(1, 6):
         arm.advance(FLANGE, Loads((25e3 + 1e3 * tick,), (5.0, 0.0)), 2e-3)
@@ -107,10 +107,10 @@ def test_an_arm_that_leans_starts_where_a_hanging_one_is_turned_to() -> None:
 def test_sealed_gas_keeps_its_amount() -> None:
     arm, _ = arms()
     found = arm.start(FLANGE, Loads((25e3,), (0.0, 0.0)))
-    arm.settle(found)
+    arm.commit(found)
     gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.0)
     sealed = arm.follow(found, FLANGE, Loads((), (2.0, 2.0), gas=(gas,)))
-    arm.settle(sealed)
+    arm.commit(sealed)
     product = (arm.pressures_Pa[0] + 101325.0) * arm.volumes_m3[0]
     assert product == pytest.approx(gas.pressure_Pa * gas.volume_m3, rel=1e-6)
     assert arm.pressures_Pa[0] > 25e3
@@ -118,7 +118,7 @@ def test_sealed_gas_keeps_its_amount() -> None:
 
 def test_momentum_changes_by_what_acts() -> None:
     arm, _ = arms(StepOptions(tolerance_N=1e-9))
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     h, mass = 0.001, body().mass_kg
     before = arm.mass_properties().center
     velocity = np.zeros(3)
@@ -140,7 +140,7 @@ def test_the_tip_moves_with_tension_and_gravity_as_its_sensitivity_says() -> Non
     arm, _ = arms()
     loads = Loads((25e3,), (3.0, 1.0))
     here = arm.follow(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))), SIDEWAYS, loads)
-    arm.settle(here)
+    arm.commit(here)
     sensitivity = arm.sensitivity(here)
 
     def tip(changed: Loads) -> Array:
@@ -166,7 +166,7 @@ def test_cables_and_flange_bring_the_tip_to_a_target() -> None:
 @pytest.mark.parametrize("sealed", [False, True])
 def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
     arm, _ = arms(StepOptions("bdf2"))
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     gas = SealedGas(101325.0 + 26e3, arm.volumes_m3[0], 1.0) if sealed else None
     loads = Loads((26e3,), (1.0, 0.0), gas=(gas,))
     for _ in range(4):
@@ -182,7 +182,7 @@ def test_a_saved_arm_goes_on_bit_for_bit(sealed: bool) -> None:
 
 def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     for tick in range(3):
         reply = arm.advance(
             SIDEWAYS.interpolated(FLANGE, 1.0 - 0.01 * tick), Loads((25e3,), (0.0, 2.0)), 2e-3
@@ -201,28 +201,28 @@ def test_the_wrench_and_the_mass_are_those_of_the_chain() -> None:
 
 def test_a_clamped_ring_goes_with_the_flange() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     held = np.zeros((body().nodes, 3), dtype=bool)
     ring = body().rings["unit_1.outer"]
     held[ring] = True
     before = FLANGE.inverse().apply(arm.state.positions[ring])
-    arm.hold_also(held, FLANGE)
+    arm.hold_components(held, FLANGE)
     there = Pose(rotation_from_vector(np.array([0.1, 0.0, 0.0])) @ FLANGE.rotation, FLANGE.translation)
     arm.advance(there, Loads((25e3,), (0.0, 0.0)), 0.02)
     assert there.inverse().apply(arm.state.positions[ring]) == pytest.approx(before, abs=1e-12)
     held[:] = False
     held[ring[0]] = True
     with pytest.raises(InputError, match="hold whole outer rings"):
-        arm.hold_also(held, there)
+        arm.hold_components(held, there)
 
 
 def test_shapes_read_together_are_those_of_the_film() -> None:
     arm, _ = arms()
-    arm.settle(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
+    arm.commit(arm.start(FLANGE, Loads((25e3,), (0.0, 0.0))))
     shapes, films, volumes = [], [], []
     for tick in range(1, 6):
         arm.advance(FLANGE, Loads((25e3 + 1e3 * tick,), (5.0, 0.0)), 2e-3)
-        shapes.append(arm.shape_now())
+        shapes.append(arm.current_shape())
         films.append(arm.state.positions)
         volumes.append(arm.volumes_m3)
     reader, mesh_reader = arm.shape_reader(), MeshReader(body(), lambda _: (0.0,))
@@ -245,7 +245,7 @@ def test_its_inertia_weighs_what_that_of_the_film_does(integrator: Integrator) -
     chain, film = arms(options)
     loads = Loads((20e3,), (0.0, 0.0))
     for arm in (chain, film):
-        arm.settle(arm.start(FLANGE, loads))
+        arm.commit(arm.start(FLANGE, loads))
     for span in (0.002, 2.0 / 3.0 * 0.002 if integrator == "bdf2" else 0.002):
         for arm in (chain, film):
             assert arm.inertia_weight(0.002) == pytest.approx((1.0 + 3.0 * span) / span**2, rel=1e-12)
@@ -258,7 +258,7 @@ def test_its_damping_leaves_steady_motion_alone(integrator: Integrator) -> None:
     chain, _ = arms(options)
     loads, h, way = Loads((20e3,), (0.0, 0.0)), 0.002, np.array([5e-4, 0.0, 2e-4])
     begin = chain.start(FLANGE, loads)
-    chain.settle(begin)
+    chain.commit(begin)
     chain.state = replace(begin.state, velocities=np.tile(way / h, (chain.body.nodes, 1)))
     for k in range(1, 26):
         reply = chain.advance(Pose(FLANGE.rotation, FLANGE.translation + k * way), loads, h)
@@ -270,7 +270,7 @@ def test_its_damping_is_an_inner_loss() -> None:
     # momentum's balance: the flange feels what weight and inertia leave, whatever is damped on the way
     chain, _ = arms(StepOptions(tolerance_N=1e-9, damping_per_s=200.0))
     loads, h = Loads((20e3,), (0.0, 0.0)), 0.002
-    chain.settle(chain.start(FLANGE, loads))
+    chain.commit(chain.start(FLANGE, loads))
     moved = Pose(FLANGE.rotation @ rotation_from_vector(np.array([0.0, 2e-3, 0.0])), FLANGE.translation)
     reply = chain.advance(moved, loads, h)
     last, mass = chain.full_state.last, chain.section.mass
@@ -300,9 +300,9 @@ def test_it_stands_as_firmly_as_the_film() -> None:
         found = []
         for arm in arms():
             begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
-            arm.settle(begin)
-            arm.settle(arm.follow(begin, flange, loads))
-            footing = arm.footing(arm.shape_now(), flange, loads)
+            arm.commit(begin)
+            arm.commit(arm.follow(begin, flange, loads))
+            footing = arm.assess_stability(arm.current_shape(), flange, loads)
             assert footing is not None
             assert footing.unstable is None
             found.append((footing.lowest_frequency_Hz, footing.disturbed_tip_m))
@@ -319,17 +319,17 @@ def pushed_back(push_N: float) -> Loads:
 
 @pytest.mark.parametrize("leaves", [True, False])
 def test_pushed_back_it_leans_aside_as_the_film_does(leaves: bool) -> None:
-    arm = SectionArm(section(), FLANGE, replace(STATICS, leaves_saddles=leaves), StepOptions())
+    arm = BeamRobot(section(), FLANGE, replace(STATICS, leaves_saddles=leaves), StepOptions())
     begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
-    arm.settle(begin)
+    arm.commit(begin)
     assert arm.follow(begin, FLANGE, pushed_back(9.0)).branchings == ()
     here = arm.follow(begin, FLANGE, pushed_back(11.0))
     first = here.branchings[0]
     # the film buckles at 10.31 N; the section model 3 % before, as its stiffness is off by as much
     assert 11.0 * first.load_factor == pytest.approx(9.97, rel=0.006)
     assert first.place.endswith("outer")
-    arm.settle(here)
-    stands = arm.footing(arm.shape_now(), FLANGE, here.loads)
+    arm.commit(here)
+    stands = arm.assess_stability(arm.current_shape(), FLANGE, here.loads)
     aside = body().tip_position(here.state.positions)[:2] - FLANGE.translation[:2]
     assert (here.negative_pivots == 0) is (stands.unstable is None) is leaves
     assert (float(np.linalg.norm(aside)) > 8e-3) is leaves
@@ -348,12 +348,12 @@ def test_pushed_back_it_leans_aside_as_the_film_does(leaves: bool) -> None:
 def test_sealed_gas_stiffens_it_as_it_does_the_film() -> None:
     for arm in arms():
         begin = arm.start(FLANGE, Loads((25e3,), (0.0, 0.0)))
-        arm.settle(begin)
-        arm.settle(arm.follow(begin, SIDEWAYS, Loads((25e3,), (2.0, 0.0))))
+        arm.commit(begin)
+        arm.commit(arm.follow(begin, SIDEWAYS, Loads((25e3,), (2.0, 0.0))))
         gas = SealedGas(101325.0 + 25e3, arm.volumes_m3[0], 1.4)
         found = []
         for loads in (Loads((25e3,), (2.0, 0.0)), Loads((), (2.0, 0.0), gas=(gas,))):
-            footing = arm.footing(arm.shape_now(), SIDEWAYS, loads)
+            footing = arm.assess_stability(arm.current_shape(), SIDEWAYS, loads)
             assert footing is not None
             found.append(footing.lowest_frequency_Hz)
         # bent, its volume changes as it swings, by little: 0.26 % of the film, 0.06 % of the section model

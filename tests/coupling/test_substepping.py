@@ -13,7 +13,7 @@ from cosim.build.arms import find_arm
 from cosim.build.scene_objects import rigid_substeps
 from cosim.config.loading import load_scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
-from cosim.coupling.ticks import Servos
+from cosim.coupling.ticks import ServoCommands
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.scene.scene import RigidScene
 from tests.coupling.pads import CoupledGrasp
@@ -82,7 +82,7 @@ def test_a_run_that_is_resumed_among_fine_ticks_repeats() -> None:
     for _ in range(12):
         ticks_of(grasp, 1)
         state = states_of(grasp.coupling.parts())
-        fine.append(state["fine"] > 0)
+        fine.append(state["substeps"] > 0)
         seen.append((grasp.grasp.scene.state, grasp.grasp.soft.full_state, state))
     assert any(fine)
     assert not all(fine)
@@ -101,15 +101,17 @@ def test_the_force_shown_of_a_tick_is_the_impulse_in_it() -> None:
     mass_kg, tick_s, shown, changes = 0.05, 4e-3, np.zeros(3), 0
     here = CoupledGrasp(mass_kg, tick_s, StaggeredCoupling, "bdf2", substeps=2)
     scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
-    servos = Servos.knowing_no_payload(*np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None])
+    servos = ServoCommands.without_payload(
+        *np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None]
+    )
     for k in range(150):
-        fine = here.coupling.fine.state
+        fine = here.coupling.substepping.state
         taken = here.coupling.advance(servos, [here.grasp.loads])
         shown += tick_s * (taken.body_contact_force[0, cube] + [0.0, 0.0, -9.81 * mass_kg])
         momentum = mass_kg * scene.bodies.spins[cube, 3:]
         assert shown == pytest.approx(momentum, abs=1e-12), k
         loaded = scene.bodies.applied[cube].any()
-        changes += bool(fine) != bool(here.coupling.fine.state) and bool(loaded)
+        changes += bool(fine) != bool(here.coupling.substepping.state) and bool(loaded)
     assert changes > 1  # the force that is left acts through a piece, or through a whole tick
 
 
@@ -117,7 +119,9 @@ def test_the_force_on_a_body_at_rest_is_even_where_ticks_in_pieces_begin_and_end
     # it fell to a quarter in the last whole tick, and rose to nearly twice as much in the last one in pieces
     here = CoupledGrasp(0.05, 4e-3, StaggeredCoupling, "bdf2", substeps=4)
     scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
-    servos = Servos.knowing_no_payload(*np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None])
+    servos = ServoCommands.without_payload(
+        *np.stack([scene.joint_position, np.zeros(6), np.zeros(6)])[:, None]
+    )
 
     def forces(ticks: int) -> list[float]:
         taken = [here.coupling.advance(servos, [here.grasp.loads]) for _ in range(ticks)]
@@ -126,9 +130,9 @@ def test_the_force_on_a_body_at_rest_is_even_where_ticks_in_pieces_begin_and_end
     forces(150)
     held = forces(1)
     assert held[0] > 0.4  # most of its weight
-    here.coupling.fine.state = 3
+    here.coupling.substepping.state = 3
     held += forces(6)
-    assert not here.coupling.fine.state
+    assert not here.coupling.substepping.state
     assert held == pytest.approx([held[0]] * len(held), rel=0.02)
 
 
@@ -136,9 +140,9 @@ def test_servos_go_on_in_pieces_as_in_whole_ticks() -> None:
     joints, speed = [], np.full((1, 6), 0.3)
     for fine in (False, True):
         grasp = hit()
-        grasp.coupling.fine.state = int(fine)
+        grasp.coupling.substepping.state = int(fine)
         place = grasp.grasp.scene.joint_position[None]
-        servos = Servos.knowing_no_payload(place, speed, 0.0 * speed)
+        servos = ServoCommands.without_payload(place, speed, 0.0 * speed)
         joints.append(grasp.coupling.advance(servos, [grasp.grasp.loads]).joint_position[0] - place[0])
     assert joints[1] == pytest.approx(joints[0], rel=1e-9)  # nothing acts on the arm but its servos
     assert np.abs(joints[0]).min() > 1e-6
@@ -148,9 +152,9 @@ def test_the_first_whole_tick_looks_back_over_a_whole_one() -> None:
     grasp, fine = hit(), False
     soft = grasp.grasp.soft
     before = soft.state.positions
-    while not fine or grasp.coupling.fine.state:  # the pads ring for some 0.2 s
+    while not fine or grasp.coupling.substepping.state:  # the pads ring for some 0.2 s
         assert grasp.coupling.interface.state.ticks < 200
-        fine, before = grasp.coupling.fine.state, soft.state.positions
+        fine, before = grasp.coupling.substepping.state, soft.state.positions
         grasp.tick()
     assert soft.state.earlier is not None
     assert np.array_equal(soft.state.earlier[0], before)

@@ -17,7 +17,7 @@ _COPIED = "qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "ctr
 
 
 @final
-class Foresight:
+class PosePrediction:
     """Predicts displacements of bodies relative to the flange, whose own bodies do not move in this view.
 
     `lead` (bodies, 6) is the displacement of each body: translation at the world's origin [m], then rotation

@@ -6,8 +6,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross
-from cosim.coupling.soft_sides.shape_reader import MeshReader
-from cosim.coupling.soft_sides.soft_side import MassProperties, SoftReply, SoftSide
+from cosim.coupling.robots.shape_reader import MeshReader
+from cosim.coupling.robots.soft_robot import MassProperties, SoftReply, SoftRobot
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
@@ -19,7 +19,7 @@ from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 @final
 @dataclass(frozen=True)
-class FrozenState:
+class FrozenRobotState:
     """What the next step of a frozen body depends on.
 
     Args:
@@ -40,7 +40,7 @@ class FrozenState:
 
 
 @final
-class FrozenBody(SoftSide):
+class FrozenRobot(SoftRobot):
     """A soft body that keeps the shape of its start; every node moves with the flange.
 
     What the flange supplies to node i, accelerations by backward differences (implicit Euler; the answer of
@@ -53,7 +53,7 @@ class FrozenBody(SoftSide):
         air_drag_per_s: beta [1/s].
     """
 
-    def __init__(self, flexible: SoftSide, air_drag_per_s: float = 0.0) -> None:
+    def __init__(self, flexible: SoftRobot, air_drag_per_s: float = 0.0) -> None:
         self.body, self.state, self.effort = flexible.body, flexible.state, flexible.effort
         self._flexible, self._drag = flexible, air_drag_per_s
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
@@ -68,7 +68,7 @@ class FrozenBody(SoftSide):
     def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the flexible body's equilibrium before the first phase; its shape is kept from here on."""
         found = self._flexible.start(world_from_flange, loads)
-        self._flexible.settle(found)
+        self._flexible.commit(found)
         shape = found.world_from_flange.inverse().apply(found.state.positions)
         self._keep(shape, self._flexible.volumes_m3)
         return self.follow(found, world_from_flange, loads)
@@ -129,30 +129,30 @@ class FrozenBody(SoftSide):
         """Refuse: the tip of a frozen body is not where the target asks the sagging one to be."""
         raise InputError("a frozen body does not sag; plan its tip targets on the flexible one")
 
-    def settle(self, found: Equilibrium) -> None:
+    def commit(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         self.state = found.state
         self._take(found.world_from_flange, found.loads, np.zeros(3))
 
     @property
-    def full_state(self) -> FrozenState:
+    def full_state(self) -> FrozenRobotState:
         """All that the next step depends on."""
-        return FrozenState(
+        return FrozenRobotState(
             self.state, self._shape, self._volumes, self._pressures, self._flange, self._supplied
         )
 
     @full_state.setter
-    def full_state(self, state: FrozenState) -> None:
+    def full_state(self, state: FrozenRobotState) -> None:
         if len(state.shape) != self.body.nodes:
             raise InputError(f"the saved soft robot has {len(state.shape)} nodes, this one {self.body.nodes}")
         self._keep(state.shape, state.volumes_m3)
         self.state, self._pressures = state.soft, state.pressures_Pa
         self._flange, self._supplied = state.flange, state.supplied
 
-    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+    def hold_components(self, held: Mask, world_from_flange: Pose) -> None:
         """Do nothing: every node is held already."""
 
-    def let_go(self, nodes: IntArray) -> None:
+    def release(self, nodes: IntArray) -> None:
         """Do nothing: a frozen body stays on the flange."""
 
     def contact_surface(self) -> ContactSurface:
@@ -167,7 +167,7 @@ class FrozenBody(SoftSide):
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
         return inertia_weight(step_s, self._drag)
 
-    def work_taken_in(self, displacement: Array) -> float:
+    def supplied_work(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("nr,nr->", self._supplied, displacement))
 

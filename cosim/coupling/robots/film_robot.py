@@ -14,7 +14,7 @@ from cosim.base.frames import Array, IntArray, Mask, Pose
 from cosim.base.kernels import unchecked
 from cosim.base.state_checks import check_indices
 from cosim.coupling.payload import fill_mass
-from cosim.coupling.soft_sides import shape_reader, soft_side
+from cosim.coupling.robots import shape_reader, soft_robot
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -26,13 +26,13 @@ from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton import NewtonSolver, NewtonState
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.stability import footing, undecided
+from cosim.soft.solve.stability import assess_stability, find_instability
 from cosim.soft.solve.state import (
     Clamp,
     Equilibrium,
     Obstacles,
     SoftState,
-    StepAim,
+    StepAccuracy,
     StepOptions,
     inertia_weight,
 )
@@ -43,7 +43,7 @@ Found = TypeVar("Found")
 
 @final
 @dataclass(frozen=True)
-class SoftArmState:
+class FilmRobotState:
     """What the next step of a soft arm depends on.
 
     Args:
@@ -80,7 +80,7 @@ _WAY = 8  # pieces of the way from the drawn shape, so that folded hinges are fo
 
 
 @final
-class SoftArm(soft_side.SoftSide):
+class FilmRobot(soft_robot.SoftRobot):
     """A soft body held by the flange; owns solver and state.
 
     `films` finds where its films touch one another; None where that is not modelled, or none can meet.
@@ -93,7 +93,7 @@ class SoftArm(soft_side.SoftSide):
         self_contact: law of the films' contact with one another; None where it is not modelled.
     """
 
-    takes_pieces = True
+    supports_substeps = True
 
     def __init__(
         self,
@@ -110,9 +110,9 @@ class SoftArm(soft_side.SoftSide):
         films = None if self_contact is None else SelfContact(body, self_contact)
         self.films = films if films is not None and films.can_touch else None
         drawn, loads = SoftState.drawn(body, world_from_flange), Loads((), (0.0,) * len(body.cables))
-        self._now = SoftArmState(drawn, Clamp.of_base(body), world_from_flange, loads)
+        self._now = FilmRobotState(drawn, Clamp.of_base(body), world_from_flange, loads)
         self._work = [0.0, 0.0]
-        self._begin: soft_side.Drive = (world_from_flange, loads)  # of the last step
+        self._begin: soft_robot.Drive = (world_from_flange, loads)  # of the last step
         self.hold(self.clamp)
 
     @property
@@ -139,7 +139,7 @@ class SoftArm(soft_side.SoftSide):
         self._stepper = time_step.Stepper(newton, clamp, self.dynamics, self.films)
         self._tester: NewtonSolver | None = None
 
-    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+    def hold_components(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold further components where they are now; what is held as a whole goes with the flange.
 
         Args:
@@ -148,38 +148,40 @@ class SoftArm(soft_side.SoftSide):
         """
         self.hold(self.clamp.holding(held, self.state.positions, world_from_flange))
 
-    def let_go(self, nodes: IntArray) -> None:
+    def release(self, nodes: IntArray) -> None:
         """Hold the given nodes (m,) no longer."""
         self.hold(self.clamp.without(nodes))
 
-    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_side.SoftReply:
+    def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> soft_robot.SoftReply:
         """Advance by one step, with the flange at its new pose."""
         return self._advance((world_from_flange, loads), step_s, None)
 
-    def advance_closely(
-        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
-    ) -> soft_side.SoftReply:
+    def advance_accurately(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy
+    ) -> soft_robot.SoftReply:
         """Advance by one step, as closely as asked for."""
-        return self._advance((world_from_flange, loads), step_s, aim)
+        return self._advance((world_from_flange, loads), step_s, accuracy)
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step; the factorisation stays."""
         flange, loads = self._begin
         self._now = replace(self._now, soft=before, flange=flange, loads=loads)
 
-    def _advance(self, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> soft_side.SoftReply:
+    def _advance(
+        self, end: soft_robot.Drive, step_s: float, accuracy: StepAccuracy | None
+    ) -> soft_robot.SoftReply:
         before = self._now
         self._begin = begin = before.flange, before.loads
         self._work = [0.0, 0.0]
         try:
             with self.work:
-                iterations = soft_side.step_or_halves(self._stepping, begin, end, step_s, aim)
+                iterations = soft_robot.step_with_halving(self._stepping, begin, end, step_s, accuracy)
         except BaseException:
             self._now = before
             raise
         now = self._now
         wrench = self._stepper.wrench(now.soft, now.flange)
-        return soft_side.SoftReply(wrench, now.residual_N, iterations, *self._work)
+        return soft_robot.SoftReply(wrench, now.residual_N, iterations, *self._work)
 
     @property
     def stepper(self) -> time_step.Stepper:
@@ -194,14 +196,14 @@ class SoftArm(soft_side.SoftSide):
     def fill_mass(self, figures: Array) -> None:
         unchecked(fill_mass)(self._film.mass, self._now.soft.positions, figures)
 
-    def stand_against(self, obstacles: Obstacles | None) -> None:
+    def set_obstacles(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches."""
         self.obstacles = self.equilibrium_solver.obstacles = obstacles
 
     @property
-    def answer_weights(self) -> tuple[float, ...]:
-        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
-        return soft_side.answer_weights(self.dynamics.integrator)
+    def reaction_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `reaction_weights`."""
+        return soft_robot.reaction_weights(self.dynamics.integrator)
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
@@ -229,13 +231,15 @@ class SoftArm(soft_side.SoftSide):
         return self._stepper.solver.linear.solve_all(forces)
 
     @property
-    def _stepping(self) -> tuple[soft_side.StepTaken, Callable[[], None], newton_options.TickWork]:
+    def _stepping(self) -> tuple[soft_robot.StepTaken, Callable[[], None], newton_options.TickWork]:
         return self._step, self.restart, self.work
 
-    def _step(self, begin: soft_side.Drive, end: soft_side.Drive, step_s: float, aim: StepAim | None) -> int:
+    def _step(
+        self, begin: soft_robot.Drive, end: soft_robot.Drive, step_s: float, accuracy: StepAccuracy | None
+    ) -> int:
         before = self.state
-        soft, result = self._stepper.step(before, *end, step_s, begin[0], aim)
-        self._now = SoftArmState(soft, self.clamp, *end, result.residual_N)
+        soft, result = self._stepper.step(before, *end, step_s, begin[0], accuracy)
+        self._now = FilmRobotState(soft, self.clamp, *end, result.residual_N)
         if self.films is not None:
             self._work[0] += self.films.work_J
         after = self.state
@@ -259,7 +263,7 @@ class SoftArm(soft_side.SoftSide):
         with self.effort.search("an equilibrium"):
             return self.equilibrium_solver.solve(state, world_from_flange, loads, start)
 
-    def rest_near(
+    def find_rest(
         self,
         state: SoftState,
         world_from_flange: Pose,
@@ -288,7 +292,7 @@ class SoftArm(soft_side.SoftSide):
                 found = self.equilibrium_solver.slide(state, world_from_flange, loads)
         return replace(found, iterations=spent + found.iterations)
 
-    def in_shape(self, positions: Array, world_from_flange: Pose) -> SoftState:
+    def state_at_rest(self, positions: Array, world_from_flange: Pose) -> SoftState:
         """Return a shape (n, 3) [m] as a state at rest, whose hinges have followed it from the drawn one."""
         drawn = SoftState.drawn(self.body, world_from_flange)
         memory, film = drawn.memory, self.equilibrium_solver.solver.film
@@ -300,19 +304,23 @@ class SoftArm(soft_side.SoftSide):
             memory = film.advanced(between, film.memory)
         return SoftState.at_rest(np.ascontiguousarray(positions), memory.copy())
 
-    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+    def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is."""
-        return self.equilibrium_solver.leave(begin, found)
+        return self.equilibrium_solver.switch_branch(begin, found)
 
-    def undecided(self, shape: Array, world_from_flange: Pose, loads: Loads) -> branching.Branching | None:
+    def find_instability(
+        self, shape: Array, world_from_flange: Pose, loads: Loads
+    ) -> branching.Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none."""
-        return self._looked(undecided, shape, world_from_flange, loads)
+        return self._looked(find_instability, shape, world_from_flange, loads)
 
-    def footing(self, shape: Array, world_from_flange: Pose, loads: Loads) -> branching.Footing | None:
+    def assess_stability(
+        self, shape: Array, world_from_flange: Pose, loads: Loads
+    ) -> branching.StabilityReport | None:
         """Return how firmly a shape stands, as if it was at rest; None: not known."""
-        return self._looked(footing, shape, world_from_flange, loads)
+        return self._looked(assess_stability, shape, world_from_flange, loads)
 
-    def rests_at(
+    def find_rest_tip(
         self, shape: Array, world_from_flange: Pose, loads: Loads
     ) -> tuple[float, float, float] | None:
         """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known.
@@ -323,7 +331,7 @@ class SoftArm(soft_side.SoftSide):
         def slid(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> Equilibrium | None:
             follower = EquilibriumSolver(newton, self.clamp, self._statics, self.films)
             try:
-                return follower.leave(None, follower.slide(state, world_from_flange, loads))
+                return follower.switch_branch(None, follower.slide(state, world_from_flange, loads))
             except ConvergenceError:
                 return None
 
@@ -405,18 +413,18 @@ class SoftArm(soft_side.SoftSide):
         with self.effort.search("a flange pose for a tip target"):
             return tip_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
 
-    def settle(self, found: Equilibrium) -> None:
+    def commit(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
         loads = replace(found.loads, contact=None, self_contact=None)  # found again in every step
         self._now = replace(self._now, soft=found.state, flange=found.world_from_flange, loads=loads)
 
     @property
-    def full_state(self) -> SoftArmState:
+    def full_state(self) -> FilmRobotState:
         """All that the next step depends on; costs no copy but one of the nodal forces."""
         return replace(self._now, newton=self.equilibrium_solver.solver.state)
 
     @full_state.setter
-    def full_state(self, state: SoftArmState) -> None:
+    def full_state(self, state: FilmRobotState) -> None:
         state.check(self.body.nodes)
         if state.loads.contact is not None:
             self.contact_surface().check_planes(state.loads.contact)
@@ -428,7 +436,7 @@ class SoftArm(soft_side.SoftSide):
         self.equilibrium_solver.solver.state = state.newton
 
     @property
-    def end_state(self) -> SoftArmState:
+    def end_state(self) -> FilmRobotState:
         """Where it is, how it is held, and what acts on it."""
         here = self._now.soft
         return replace(self._now, soft=SoftState.at_rest(here.positions, here.memory, here.touching))
@@ -438,7 +446,7 @@ class SoftArm(soft_side.SoftSide):
         """Force (k, 3) [N] that the flange supplies to each held node, at the last solution."""
         return self.clamp.reaction(self._film.gradient)
 
-    def work_taken_in(self, displacement: Array) -> float:
+    def supplied_work(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
         return float(np.einsum("kr,kr->", self.reaction, displacement[self.clamp.nodes]))
 

@@ -10,7 +10,7 @@ from cosim.base.frames import Array, IntArray, Shown
 
 @final
 @dataclass(frozen=True, eq=False)
-class TickPieces(Shown):
+class SubstepRecord(Shown):
     """Where the soft robot was at the ends of the pieces of one tick; nobody can write to its arrays.
 
     Args:

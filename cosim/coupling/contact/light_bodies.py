@@ -28,12 +28,17 @@ from typing import Annotated, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.contact.contact_exchange import AGREED_M, TURN_LEVER_M, UNKNOWN, ContactExchange
-from cosim.coupling.contact.levers import Levers, Yielding
-from cosim.coupling.soft_sides.soft_side import SoftReply
+from cosim.coupling.contact.contact_exchange import (
+    POSITION_TOLERANCE_M,
+    TURN_LEVER_M,
+    UNKNOWN,
+    ContactExchange,
+)
+from cosim.coupling.contact.levers import Levers, SoftStepper
+from cosim.coupling.robots.soft_robot import SoftReply
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAim
+from cosim.soft.solve.state import StepAccuracy
 
 RATIO_BOUND: Final = 0.5
 """Contact ratio from which on bodies give way within the film's step.
@@ -109,13 +114,17 @@ class _Step:
         exchange: contacts; where they are now is where they are found.
         soft: soft side.
         tick: pose of the flange and loads at the end of the step, without contacts; its length [s].
-        aim: how closely; as an ordinary step unless given.
+        accuracy: how closely; as an ordinary step unless given.
     """
 
     def __init__(
-        self, exchange: ContactExchange, soft: Yielding, tick: tuple[Pose, Loads, float], aim: StepAim | None
+        self,
+        exchange: ContactExchange,
+        soft: SoftStepper,
+        tick: tuple[Pose, Loads, float],
+        accuracy: StepAccuracy | None,
     ) -> None:
-        self._exchange, self._soft, self._aim = exchange, soft, aim
+        self._exchange, self._soft, self._accuracy = exchange, soft, accuracy
         self._flange, self._loads, self.tick_s = tick
         self.before, self._planes = soft.state, exchange.find(soft.state, self.tick_s)
         self.iterations = self.trials = 0
@@ -123,42 +132,42 @@ class _Step:
         self.touched: IntArray = self.bodies
         if self._planes is not None:
             near = np.unique(self._planes.body)
-            self.bodies = near[exchange.bodies.foresight.ahead[near] > 0]
+            self.bodies = near[exchange.bodies.prediction.ahead[near] > 0]
         if self._planes is not None and len(self.bodies):
             self._centers = exchange.loads.centers[self.bodies]
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
             self._shift = np.zeros_like(self._levers.arm)
             self._assumed = exchange.assumed[self.bodies].ravel()
-            self._ahead = exchange.bodies.foresight.lead[self.bodies]
+            self._ahead = exchange.bodies.prediction.lead[self.bodies]
             self._change = np.zeros_like(self._assumed)
             self._mobility: Array | None = None
             self._moved = np.zeros_like(self._ahead)
             most = self.mismatch_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
-            self._tolerance_N = 0.25 * AGREED_M / most
-            if aim is not None:
-                self._tolerance_N = min(self._tolerance_N, aim.tolerance_N)
+            self._tolerance_N = 0.25 * POSITION_TOLERANCE_M / most
+            if accuracy is not None:
+                self._tolerance_N = min(self._tolerance_N, accuracy.tolerance_N)
 
     def take(self, change: Array | None = None) -> _Trial:
         """Take the step with bodies that give way to a change of their loads; to none unless given."""
-        aim = self._aim
+        accuracy = self._accuracy
         if change is None:
             change = np.zeros(6 * len(self.bodies))
         moved = 0.0
         if len(self.bodies):
             moved = self._meet(change)
-            start = None if aim is None else aim.start
-            aim = StepAim(self._tolerance_N, start, afresh=bool(self._shift.any()))
+            start = None if accuracy is None else accuracy.start
+            accuracy = StepAccuracy(self._tolerance_N, start, afresh=bool(self._shift.any()))
         if self.trials:
             # from where the film was pressed hard it may not come back
             reached = self._soft.state.positions if moved < _NEAR_M else None
             self._soft.restore(self.before)
-            aim = StepAim(self._tolerance_N, reached)
+            accuracy = StepAccuracy(self._tolerance_N, reached)
         loads = self._loads if self._planes is None else self._loads.touching(self._planes)
         self.trials += 1
-        if aim is None:
+        if accuracy is None:
             reply = self._soft.advance(self._flange, loads, self.tick_s)
         else:
-            reply = self._soft.advance_closely(self._flange, loads, self.tick_s, aim)
+            reply = self._soft.advance_accurately(self._flange, loads, self.tick_s, accuracy)
         self.iterations += reply.iterations
         reply = replace(reply, iterations=self.iterations)
         if not len(self.bodies):
@@ -240,10 +249,10 @@ class _Step:
 
     def disagreement(self, trial: _Trial) -> float:
         """Return how far film and bodies are from agreeing, over what is good enough."""
-        most = trial.away_m / AGREED_M
-        if self._aim is not None:
+        most = trial.away_m / POSITION_TOLERANCE_M
+        if self._accuracy is not None:
             forces = np.abs(trial.residual.reshape(-1, 6) / _UNIT).max()
-            most = max(most, float(forces) / (_SHARE * self._aim.tolerance_N))
+            most = max(most, float(forces) / (_SHARE * self._accuracy.tolerance_N))
         return most
 
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
@@ -289,7 +298,7 @@ class LightBodies:
         tick_s: h [s].
     """
 
-    def __init__(self, exchange: ContactExchange, soft: Yielding, tick_s: float) -> None:
+    def __init__(self, exchange: ContactExchange, soft: SoftStepper, tick_s: float) -> None:
         self._exchange, self._soft, self._tick_s = exchange, soft, tick_s
         self._movable, count = exchange.movable, len(exchange.movable)
         self._heavy, self._touching = np.zeros(count, np.int64), np.zeros(count)
@@ -300,22 +309,22 @@ class LightBodies:
         self._first = self.state
         self._meet_ahead()
 
-    def advance(self, flange: Pose, loads: Loads, aim: StepAim | None = None) -> SoftReply:
+    def advance(self, flange: Pose, loads: Loads, accuracy: StepAccuracy | None = None) -> SoftReply:
         """Take the soft step with the contacts that are there, and load the bodies.
 
         Args:
             flange: its pose at the end.
             loads: then, contacts not counted.
-            aim: how closely; as an ordinary step unless given.
+            accuracy: how closely; as an ordinary step unless given.
 
         Raises:
             ConvergenceError: the film's step has no solution, or bodies and film do not agree.
         """
-        agreed = self._advance_as_met(flange, loads) if aim is None else None
+        agreed = self._advance_as_met(flange, loads) if accuracy is None else None
         if agreed is not None:
             return agreed
         tick = flange, loads, self._tick_s
-        step = _Step(self._exchange, self._soft, tick, aim)
+        step = _Step(self._exchange, self._soft, tick, accuracy)
         light = self.ratio > _VERY_LIGHT or not np.isin(step.bodies, self._known).all()
         try:
             trial = step.take(step.guess() if light else None)
@@ -335,7 +344,7 @@ class LightBodies:
                     self._heavy[np.isin(self._movable, touched)] = 1
                     self._meet_ahead()
                     self._soft.restore(step.before)
-                    step = _Step(self._exchange, self._soft, tick, aim)
+                    step = _Step(self._exchange, self._soft, tick, accuracy)
                     trial = step.take()
                 else:
                     self._tell_exchange()
@@ -343,8 +352,8 @@ class LightBodies:
                 trial = self._agree(step, trial)
         assert trial.reply is not None, "the film has stepped"
         self.trials = step.trials
-        self._exchange.settle(step.before.positions, self._soft.state.positions)
-        self.weigh()
+        self._exchange.commit(step.before.positions, self._soft.state.positions)
+        self.update()
         return trial.reply
 
     def _advance_as_met(self, flange: Pose, loads: Loads) -> SoftReply | None:
@@ -365,8 +374,8 @@ class LightBodies:
         if gives_way and not exchange.disagreement(x, reply.residual_N, tick_s) <= 1.0:
             soft.restore(before)
             return None
-        exchange.settle(before.positions, x)
-        self.weigh()
+        exchange.commit(before.positions, x)
+        self.update()
         return reply
 
     def begin_ticks_of(self, tick_s: float) -> None:
@@ -374,7 +383,7 @@ class LightBodies:
         self._tick_s = tick_s
         self.state = self._first
 
-    def weigh(self) -> None:
+    def update(self) -> None:
         """Find again which bodies are heavy, where the last tick asks for it."""
         if self._heavy_are_due():
             self._weigh_heavy()
@@ -451,7 +460,7 @@ class LightBodies:
         self._meet_ahead()
 
     def _meet_ahead(self) -> None:
-        self._exchange.bodies.foresight.ahead[self._movable] = 1 - 2 * self._heavy
+        self._exchange.bodies.prediction.ahead[self._movable] = 1 - 2 * self._heavy
         self._tell_exchange()
 
     def _tell_exchange(self, free: Array | None = None) -> None:
@@ -478,7 +487,10 @@ class LightBodies:
             if np.abs(mobility[own] - alone).max() < 1e-9 * mobility[6 * k, 6 * k]:
                 turn = mobility[6 * k + 3 : 6 * k + 6, 6 * k + 3 : 6 * k + 6]
                 largest = float(np.linalg.eigvalsh(turn)[-1])
-                gives[body] = mobility[6 * k, 6 * k] / AGREED_M, TURN_LEVER_M * largest / AGREED_M
+                gives[body] = (
+                    mobility[6 * k, 6 * k] / POSITION_TOLERANCE_M,
+                    TURN_LEVER_M * largest / POSITION_TOLERANCE_M,
+                )
 
     def _are_heavy(self, stiffness: Array, mobilities: tuple[Array, Array]) -> bool:
         """Return whether bodies need not give way, by S and both mobilities (6 b, 6 b), held and free.
@@ -515,7 +527,7 @@ class LightBodies:
             change = step.newton_step(stiffness, trial.residual)
             trial = _search(step, step.take, trial, change)
             before, left = left, step.disagreement(trial)
-            if fresh and left > 0.5 * before and trial.away_m < 10.0 * AGREED_M:
+            if fresh and left > 0.5 * before and trial.away_m < 10.0 * POSITION_TOLERANCE_M:
                 break  # what the film's own residual leaves
             fresh = False
             if left > _FALLS_FAST * before:

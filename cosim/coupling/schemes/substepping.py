@@ -7,8 +7,8 @@ length is one of implicit Euler; after the last piece it looks back over a whole
 shakes the film, and a light body turns back within one tick, slow at its end while its load is largest. So
 ticks stay fine until several in a row have been calm.
 
-Servos and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
-iterations, and means of power and of what acts on bodies. What is left at the end of a piece acts through the
+Servo commands and loads continue within the tick. What is shown of it belongs to its end, but for sums of work and
+and iterations, and means of power and of what acts on bodies. What is left at the end of a piece acts through the
 next one, or the next whole tick.
 """
 
@@ -18,11 +18,11 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.coupling.film_figures import TickPieces
 from cosim.coupling.schemes.algorithmic_mass import CarriedInertia
 from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.tick import tick
-from cosim.coupling.ticks import ServoRow, TicksTaken
+from cosim.coupling.shape_figures import SubstepRecord
+from cosim.coupling.ticks import ServoCommand, TickLog
 from cosim.soft.body.loads import Loads
 
 _FAR_M: Final = 3e-4  # way in a tick of the clock from which on it is a fine one
@@ -36,7 +36,7 @@ _SUM: Final = ("newton_iterations", "contact_work_J", "self_contact_work_J", "ey
 
 
 @final
-class FineTicks:
+class Substepping:
     """Takes ticks of the clock in pieces while what the film touches moves far in one.
 
     Args:
@@ -46,7 +46,7 @@ class FineTicks:
     def __init__(self, interface: Interface) -> None:
         self._interface, self._left = interface, 0
         scene = interface.scene
-        known = interface.contact is not None and scene.substeps > 1 and interface.soft.takes_pieces
+        known = interface.contact is not None and scene.substeps > 1 and interface.soft.supports_substeps
         self._fast_m_s = _FAR_M / scene.tick_s if known else math.inf
         """Speed from which on ticks are fine ones; infinite where none are."""
 
@@ -67,11 +67,11 @@ class FineTicks:
     def state(self, left: int) -> None:
         interface, self._left = self._interface, left
         scene = interface.scene
-        scene.go_finely(scene.substeps if left else None)
+        scene.set_substep(scene.substeps if left else None)
         if interface.light is not None:
             interface.light.begin_ticks_of(scene.tick_s)
 
-    def take(self, carried: CarriedInertia, servos: ServoRow, loads: Loads, taken: TicksTaken) -> None:
+    def take(self, carried: CarriedInertia, servos: ServoCommand, loads: Loads, taken: TickLog) -> None:
         """Take one tick of the clock in pieces.
 
         Args:
@@ -86,11 +86,11 @@ class FineTicks:
         fine, shapes = interface.room(count), []
         fine.algorithmic_mass[:] = carried.acts
         for k in range(count):
-            scene.go_finely(count - k)
+            scene.set_substep(count - k)
             asked = servos._replace(position=servos.position + k * scene.tick_s * servos.velocity)
             tick(interface, carried, asked, begin.interpolated(loads, (k + 1) / count), fine)
             shapes.append(soft.state.positions)
-        taken.pieces[taken.done] = TickPieces(np.array(shapes), fine.flange_twist, fine.flange_position)
+        taken.pieces[taken.done] = SubstepRecord(np.array(shapes), fine.flange_twist, fine.flange_position)
         self._condense(fine, taken)
         interface.count_as_one(ticks)
         self.look()
@@ -104,7 +104,7 @@ class FineTicks:
         self.state = left
         self._interface.soft.restart()
 
-    def _condense(self, fine: TicksTaken, taken: TicksTaken) -> None:
+    def _condense(self, fine: TickLog, taken: TickLog) -> None:
         """Fill the row of the tick in progress with what its pieces have left."""
         k = taken.done
         for name, of in fine.arrays.items():
@@ -114,5 +114,5 @@ class FineTicks:
         hits = zip(fine.hit_m_s.tolist(), fine.hit_way_m.tolist(), fine.hit_body.tolist(), strict=True)
         worst = max(hits, key=lambda hit: hit[0] / hit[1] if hit[2] >= 0 else 0.0)
         taken.hit_m_s[k], taken.hit_way_m[k], taken.hit_body[k] = worst
-        taken.parts.append([self._interface.soft.shape_now()])
+        taken.parts.append([self._interface.soft.current_shape()])
         taken.done += 1

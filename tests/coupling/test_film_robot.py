@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
-from cosim.coupling.soft_sides.lumped_arm import SoftArm
-from cosim.coupling.soft_sides.soft_side import exchange_gain
+from cosim.coupling.robots.film_robot import FilmRobot
+from cosim.coupling.robots.soft_robot import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions
@@ -26,12 +26,12 @@ SHIFT = np.array([2.0, 1.0, -3.0])  # half the flange's acceleration [m/s^2]
 TURN = np.array([3.0, -4.0, 5.0])  # the same of its rotation [rad/s^2]
 
 
-def hanging_arm(units: int = 3, dynamics: StepOptions = TIGHT) -> SoftArm:
+def hanging_arm(units: int = 3, dynamics: StepOptions = TIGHT) -> FilmRobot:
     """Return an inflated arm at rest."""
-    arm = SoftArm(hexagon_arm(units), HANGING, NewtonOptions(), dynamics)
+    arm = FilmRobot(hexagon_arm(units), HANGING, NewtonOptions(), dynamics)
     solver = arm.equilibrium_solver
     hung = solver.solve(arm.state, HANGING, no_load(arm.body))
-    arm.settle(solver.follow(hung, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
+    arm.commit(solver.follow(hung, HANGING, no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))))
     return arm
 
 
@@ -42,7 +42,7 @@ def moving(time_s: float, turn: Array = TURN) -> Pose:
     )
 
 
-def power_W(arm: SoftArm) -> float:
+def power_W(arm: FilmRobot) -> float:
     """Return the power taken in at the held nodes in the last step, sum of reaction times velocity."""
     return float((arm.reaction * arm.state.velocities[arm.clamp.nodes]).sum())
 
@@ -60,26 +60,26 @@ def test_at_rest_the_reply_is_the_weight() -> None:
 
 def test_what_newtons_method_does_not_reach_a_body_slides_to() -> None:
     arm, loads = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=(PRESSURE_Pa,))
-    arm = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    arm = FilmRobot(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
     with pytest.raises(ConvergenceError):
         arm.solve(arm.state, HANGING, loads)
-    found = arm.rest_near(arm.state, HANGING, loads, 500)
+    found = arm.find_rest(arm.state, HANGING, loads, 500)
     assert found.residual_N < 1e-6
     assert found.negative_pivots == 0
     assert found.iterations > 8
     with pytest.raises(ConvergenceError, match="bound of 30 "):
-        arm.rest_near(arm.state, HANGING, loads, 30)
+        arm.find_rest(arm.state, HANGING, loads, 30)
     assert arm.effort.most == NewtonOptions().search_iterations_max
 
 
 def test_a_slide_that_gets_no_nearer_to_rest_is_given_up() -> None:
     arm, loads = hanging_arm(), no_load(hexagon_arm(3), pressure_Pa=(PRESSURE_Pa,))
-    arm = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
-    found = arm.rest_near(arm.state, HANGING, loads, 500, 100)
+    arm = FilmRobot(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    found = arm.find_rest(arm.state, HANGING, loads, 500, 100)
     assert arm.effort.patience == math.inf
-    impatient = SoftArm(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
+    impatient = FilmRobot(arm.body, HANGING, NewtonOptions(iterations_max=8), TIGHT)
     with pytest.raises(ConvergenceError):
-        impatient.rest_near(impatient.state, HANGING, loads, 500, 1)
+        impatient.find_rest(impatient.state, HANGING, loads, 500, 1)
     assert impatient.effort.work < arm.effort.work
     assert found.iterations <= arm.effort.work  # those of tangents that were indefinite on top
 
@@ -89,9 +89,9 @@ def test_a_start_that_no_shift_makes_definite_is_left_at_once() -> None:
     loads = no_load(arm.body, pressure_Pa=(PRESSURE_Pa,))
     crumpled = arm.state.positions + np.random.default_rng(1).uniform(-0.01, 0.01, arm.state.positions.shape)
     stiff = NewtonOptions(shift_max_N_m=1.0)
-    arm = SoftArm(arm.body, HANGING, stiff, TIGHT)
+    arm = FilmRobot(arm.body, HANGING, stiff, TIGHT)
     with pytest.raises(ConvergenceError, match="no shift up to its bound"):
-        arm.rest_near(arm.in_shape(crumpled, HANGING), HANGING, loads, 500)
+        arm.find_rest(arm.state_at_rest(crumpled, HANGING), HANGING, loads, 500)
     # four solutions try three shifts each, and the tangent as it is
     assert 4 <= arm.effort.work <= 20
 
@@ -146,7 +146,7 @@ def test_held_nodes_follow_the_flange_exactly() -> None:
     rim = arm.body.rings["unit_1.outer"]
     hold = np.zeros((arm.body.nodes, 3), dtype=bool)
     hold[rim] = True
-    arm.hold_also(hold, HANGING)
+    arm.hold_components(hold, HANGING)
     local = HANGING.inverse().apply(arm.state.positions)
     arm.advance(moving(0.03), no_load(arm.body, pressure_Pa=(PRESSURE_Pa,)), STEP_S)
     held = np.concatenate([arm.body.base, rim])
@@ -241,8 +241,8 @@ def test_mass_properties_are_of_the_present_shape() -> None:
 def test_an_exchange_that_is_one_tick_late_bears_a_quarter_of_the_mass_with_bdf2() -> None:
     # d_n+1 = -r (9 d_n - 6 d_n-1 + d_n-2) / 4: its largest root crosses the unit circle at r = 1 / gain
     arm = hanging_arm(dynamics=replace(TIGHT, integrator="bdf2"))
-    limit = 1.0 / exchange_gain(arm.answer_weights)
+    limit = 1.0 / exchange_gain(arm.reaction_weights)
     for ratio, grows in ((0.99 * limit, False), (1.01 * limit, True)):
         roots = np.roots([1.0, 2.25 * ratio, -1.5 * ratio, 0.25 * ratio])
         assert (np.abs(roots).max() > 1.0) == grows
-    assert exchange_gain(hanging_arm().answer_weights) == 1.0
+    assert exchange_gain(hanging_arm().reaction_weights) == 1.0

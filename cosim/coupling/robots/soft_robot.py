@@ -28,7 +28,7 @@ from typing import Any, Final, TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross_matrix
-from cosim.coupling.soft_sides.shape_reader import ShapeReader
+from cosim.coupling.robots.shape_reader import ShapeReader
 from cosim.errors import ConvergenceError, TickWorkError
 from cosim.reduced.sections.figures import CENTER, INERTIA
 from cosim.soft.body.body import SoftBody
@@ -37,14 +37,14 @@ from cosim.soft.contact import contact_points, self_contact_pairs
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.mass_terms import mass_moments
 from cosim.soft.solve import branching, newton_options
-from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAim, inertia_weight
+from cosim.soft.solve.state import Equilibrium, Integrator, Obstacles, SoftState, StepAccuracy, inertia_weight
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
 _BDF2: Final = (9.0 / 4.0, -6.0 / 4.0, 1.0 / 4.0)
 
 
-def answer_weights(integrator: Integrator) -> tuple[float, ...]:
+def reaction_weights(integrator: Integrator) -> tuple[float, ...]:
     """Return the weights s of the last accelerations, last first: the answer is -M sum_k s_k a_n-k."""
     return _BDF2 if integrator == "bdf2" else IMPLICIT_EULER
 
@@ -56,7 +56,7 @@ def exchange_gain(weights: tuple[float, ...]) -> float:
     r = 1 / sum_k |s_k|, which is 1 and 1/4.
 
     Args:
-        weights: s, of `answer_weights`.
+        weights: s, of `reaction_weights`.
     """
     return float(np.abs(weights).sum())
 
@@ -160,7 +160,7 @@ def stability_ratio(mobility: Array, algorithmic_mass: Array) -> float:
 
 Drive: TypeAlias = tuple[Pose, Loads]
 """Pose of the flange and loads at one instant."""
-StepTaken: TypeAlias = Callable[[Drive, Drive, float, StepAim | None], int]
+StepTaken: TypeAlias = Callable[[Drive, Drive, float, StepAccuracy | None], int]
 _HALVINGS_MAX = 5
 
 
@@ -184,10 +184,10 @@ class SoftReply:
     eyelets_J: float = 0.0
 
 
-class SoftSide(ABC):
+class SoftRobot(ABC):
     """A soft body on the flange: stepped in the dynamic mode, solved for equilibrium in the other.
 
-    Dynamics: `settle` on the equilibrium that `start` finds, then `advance` tick by tick. Statics: `settle`
+    Dynamics: `commit` on the equilibrium that `start` finds, then `advance` tick by tick. Statics: `commit`
     after every `solve` or `follow`. `effort` counts the iterations of searches that may last and says what
     they try; None where none lasts. `body` is the mesh that is drawn, touched and loaded; `state` is where
     it is now.
@@ -196,8 +196,8 @@ class SoftSide(ABC):
     body: SoftBody
     state: SoftState
     obstacles: Obstacles | None = None
-    takes_pieces: bool = False
-    """Whether a tick may be taken in pieces, see `FineTicks`."""
+    supports_substeps: bool = False
+    """Whether a tick may be taken in pieces, see `Substepping`."""
     effort: newton_options.SearchEffort | None = None
 
     @cached_property
@@ -218,8 +218,8 @@ class SoftSide(ABC):
             ConvergenceError: no acceptable solution; the state is that before the step.
         """
 
-    def advance_closely(
-        self, world_from_flange: Pose, loads: Loads, step_s: float, aim: StepAim
+    def advance_accurately(
+        self, world_from_flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy
     ) -> SoftReply:
         """Advance as `advance` does, as closely as asked for; a model without iterations has no need to.
 
@@ -227,7 +227,7 @@ class SoftSide(ABC):
             world_from_flange: at the end of the step.
             loads: at the end of the step.
             step_s: length [s].
-            aim: how closely.
+            accuracy: how closely.
         """
         return self.advance(world_from_flange, loads, step_s)
 
@@ -305,7 +305,7 @@ class SoftSide(ABC):
         """
         return None
 
-    def leave(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
+    def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium beside one that is not; one that is stable as it is.
 
         Args:
@@ -317,35 +317,39 @@ class SoftSide(ABC):
         """
         return found
 
-    def undecided(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Branching | None:
+    def find_instability(
+        self, shape: Any, world_from_flange: Pose, loads: Loads
+    ) -> branching.Branching | None:
         """Return in which direction a shape would give way if it was at rest; None: in none, or unknown.
 
         What the body touches is left out.
 
         Args:
-            shape: of `shape_now`, after the last step or some steps before.
+            shape: of `current_shape`, after the last step or some steps before.
             world_from_flange: pose of the flange then.
             loads: that act then.
         """
         return None
 
-    def footing(self, shape: Any, world_from_flange: Pose, loads: Loads) -> branching.Footing | None:
+    def assess_stability(
+        self, shape: Any, world_from_flange: Pose, loads: Loads
+    ) -> branching.StabilityReport | None:
         """Return how firmly a shape stands, as if it was at rest; None where that is not known.
 
         Args:
-            shape: of `shape_now`, after the last step.
+            shape: of `current_shape`, after the last step.
             world_from_flange: pose of the flange.
             loads: that act.
         """
         return None
 
-    def rests_at(
+    def find_rest_tip(
         self, shape: Any, world_from_flange: Pose, loads: Loads
     ) -> tuple[float, float, float] | None:
         """Return the tip [m] of the stable equilibrium that a shape slides to; None where it is not known.
 
         Args:
-            shape: of `shape_now`, after the last step.
+            shape: of `current_shape`, after the last step.
             world_from_flange: pose of the flange.
             loads: that act.
         """
@@ -385,7 +389,7 @@ class SoftSide(ABC):
         """
 
     @abstractmethod
-    def settle(self, found: Equilibrium) -> None:
+    def commit(self, found: Equilibrium) -> None:
         """Take over an equilibrium as the present state."""
 
     @property
@@ -397,7 +401,7 @@ class SoftSide(ABC):
         return None
 
     @abstractmethod
-    def hold_also(self, held: Mask, world_from_flange: Pose) -> None:
+    def hold_components(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold further components where they are now; what is held as a whole goes with the flange.
 
         Args:
@@ -406,14 +410,14 @@ class SoftSide(ABC):
         """
 
     @abstractmethod
-    def let_go(self, nodes: IntArray) -> None:
+    def release(self, nodes: IntArray) -> None:
         """Hold the given nodes (m,) no longer."""
 
     @abstractmethod
     def contact_surface(self) -> contact_points.ContactSurface:
         """Return where the body can be touched."""
 
-    def stand_against(self, obstacles: Obstacles | None) -> None:
+    def set_obstacles(self, obstacles: Obstacles | None) -> None:
         """Let equilibria from now on take in what the film touches; some models know no such contact.
 
         Args:
@@ -435,7 +439,7 @@ class SoftSide(ABC):
         """
 
     @abstractmethod
-    def work_taken_in(self, displacement: Array) -> float:
+    def supplied_work(self, displacement: Array) -> float:
         """Return the work [J] of what the flange supplies at the last solution, over a displacement.
 
         Args:
@@ -461,13 +465,13 @@ class SoftSide(ABC):
     def volumes_m3(self) -> tuple[float, ...]:
         """Volume inside film and caps of each chamber at the present shape."""
 
-    def shape_now(self) -> Any:
+    def current_shape(self) -> Any:
         """Return the present shape, for `shape_reader` to read now or after later steps; costs nothing."""
         return self.state.positions
 
     @abstractmethod
     def shape_reader(self) -> ShapeReader:
-        """Return what reads the shapes that `shape_now` returns."""
+        """Return what reads the shapes that `current_shape` returns."""
 
     @property
     def touching(self) -> self_contact_pairs.FilmMemory | None:
@@ -485,8 +489,8 @@ class SoftSide(ABC):
         return None
 
     @property
-    def answer_weights(self) -> tuple[float, ...]:
-        """How the flange's last accelerations count in the answer of inertia, see `answer_weights`."""
+    def reaction_weights(self) -> tuple[float, ...]:
+        """How the flange's last accelerations count in the answer of inertia, see `reaction_weights`."""
         return IMPLICIT_EULER
 
     def inertia_weight(self, step_s: float) -> float:
@@ -512,12 +516,12 @@ class SoftSide(ABC):
         figures[CENTER:INERTIA], figures[INERTIA:] = mass.center, mass.inertia.ravel()
 
 
-def step_or_halves(
+def step_with_halving(
     stepper: tuple[StepTaken, Callable[[], None], newton_options.TickWork],
     begin: Drive,
     end: Drive,
     step_s: float,
-    aim: StepAim | None,
+    accuracy: StepAccuracy | None,
     final: type[ConvergenceError] = TickWorkError,
 ) -> int:
     """Take one step, or two halves where it does not converge; return the Newton iterations.
@@ -526,16 +530,16 @@ def step_or_halves(
         stepper: takes a step between two flange poses and loads, or leaves the state as it is; lets the next
             step be the first one, as a two-step integrator cannot look back over a change of step; counts.
         begin: flange pose and loads at the beginning; `end`: at the end of `step_s` [s].
-        aim: None for an ordinary step.
+        accuracy: None for an ordinary step.
         final: a kind of error after which no halves are tried.
 
     Raises:
         ConvergenceError: not even the shortest pieces converge.
     """
 
-    def take(begin: Drive, end: Drive, step_s: float, aim: StepAim | None, halvings: int) -> int:
+    def take(begin: Drive, end: Drive, step_s: float, accuracy: StepAccuracy | None, halvings: int) -> int:
         try:
-            return step(begin, end, step_s, aim)
+            return step(begin, end, step_s, accuracy)
         except ConvergenceError as error:
             if isinstance(error, final | TickWorkError):
                 raise
@@ -545,11 +549,11 @@ def step_or_halves(
         work.divide(left_N)
         middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
         restart()
-        aim = None if aim is None else StepAim(aim.tolerance_N)
+        accuracy = None if accuracy is None else StepAccuracy(accuracy.tolerance_N)
         for first, last in ((begin, middle), (middle, end)):
-            spent += take(first, last, 0.5 * step_s, aim, halvings - 1)
+            spent += take(first, last, 0.5 * step_s, accuracy, halvings - 1)
         restart()
         return spent
 
     step, restart, work = stepper
-    return take(begin, end, step_s, aim, _HALVINGS_MAX)
+    return take(begin, end, step_s, accuracy, _HALVINGS_MAX)
