@@ -101,8 +101,8 @@ def tallied() -> Iterator[Counter[str]]:
 
         return left
 
-    classes = EquilibriumSolver, BeamRobot
-    first, second = (mock.patch.object(each, "switch_branch", counting(each.switch_branch)) for each in classes)
+    classes, name = (EquilibriumSolver, BeamRobot), "switch_branch"
+    first, second = (mock.patch.object(each, name, counting(getattr(each, name))) for each in classes)
     with first, second:
         yield found
 

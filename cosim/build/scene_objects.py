@@ -11,7 +11,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import ContactTable
 from cosim.config.schema.soft_robot import PalmTable
 from cosim.config.toml.rules import errors_at
-from cosim.coupling.robots.soft_robot import MassProperties
+from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.rigid.build.description import Geometry, Joint, SceneObject
 from cosim.rigid.build.pair_friction import PairFriction
 

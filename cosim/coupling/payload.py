@@ -1,4 +1,4 @@
-"""Leaves of the load on a flange: mass of a cloud of nodes, inertial parameters of all that hangs there."""
+"""Kernels for the load on a flange: mass properties of a cloud of nodes, and the payload's parameters."""
 
 from cosim.base.kernel_types import Matrix, Vector
 from cosim.base.kernels import kernel, small_matrix, small_vector
@@ -12,12 +12,12 @@ def fill_payload(
     """Fill out (10,) with the `inertial_parameters` of the load on the flange, flange frame.
 
     Args:
-        figures: (FIGURES,) of the soft side, centre and inertia of its mass among them, world axes.
-        mass: of the soft side [kg].
+        figures: (FIGURES,) of the soft robot, which include centre and inertia of its mass, world axes.
+        mass: of the soft robot [kg].
         origin: (3,) [m], of the flange, world.
         axes: (3, 3), world from flange.
-        mounted: (10,), the parameters of a rigid mass next to it.
-        out: filled.
+        mounted: (10,), the parameters of a rigid mass that is mounted too.
+        out: result.
     """
     center, turned, inertia = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     square = 0.0
@@ -47,12 +47,12 @@ def fill_payload(
 
 @kernel
 def fill_mass(mass: Vector, x: Matrix, figures: Vector) -> None:
-    """Fill in the figures of a soft side centre of mass [m] and inertia about it [kg m^2], world axes.
+    """Fill centre of mass [m] and inertia about it [kg m^2], world axes, in a soft robot's figures.
 
     Args:
-        mass: (n,) [kg], of its nodes.
+        mass: (n,) [kg], of the nodes.
         x: (n, 3) [m], their positions, world.
-        figures: (FIGURES,), of which those of its mass are filled.
+        figures: (FIGURES,); the entries of the mass are overwritten.
     """
     total, first, second = 0.0, small_vector(3), small_matrix(3, 3)
     for r in range(3):

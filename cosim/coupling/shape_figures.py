@@ -1,4 +1,4 @@
-"""What of the film's shape ticks leave: its figures, and where it was at the ends of the pieces of one."""
+"""Figures of the film's shape (tip, length, volumes), and its shapes at the ends of a tick's substeps."""
 
 from dataclasses import dataclass
 from typing import Annotated, final
@@ -11,7 +11,7 @@ from cosim.base.frames import Array, IntArray, Shown
 @final
 @dataclass(frozen=True, eq=False)
 class SubstepRecord(Shown):
-    """Where the soft robot was at the ends of the pieces of one tick; nobody can write to its arrays.
+    """The soft robot's shape and the flange's motion at the end of each of a tick's k substeps; read-only.
 
     Args:
         positions: (k, nodes, 3) [m], world.
@@ -27,7 +27,7 @@ class SubstepRecord(Shown):
 @final
 @dataclass(frozen=True, eq=False)
 class ShapeFigures(Shown):
-    """Figures of k shapes.
+    """Figures of k shapes of a soft robot.
 
     Args:
         tip_position: (k, 3) [m], mean of the last hole ring.
@@ -41,16 +41,16 @@ class ShapeFigures(Shown):
     center_line_m: Annotated[Array, ("k",)]
     volumes_m3: Annotated[Array, ("k", "chambers")]
 
-    def some(self, rows: IntArray) -> "ShapeFigures":
-        """Return the figures of some of the shapes, by their places."""
+    def select(self, rows: IntArray) -> "ShapeFigures":
+        """Return the figures of the shapes with these indices."""
         return ShapeFigures(*(column[rows] for column in vars(self).values()))
 
     def sag_m(self, origin: Array, axis: Array) -> Array:
-        """Return how far each tip is from where it would be on a straight line of the same length (k,) [m].
+        """Return the distance (k,) [m] of each tip from the end of a straight line of the same length.
 
         Args:
-            origin: (k, 3) [m], where the lines begin.
-            axis: (k, 3), unit vectors along them.
+            origin: (k, 3) [m], start of each line.
+            axis: (k, 3), unit vector along it.
         """
-        away = self.tip_position - origin - self.center_line_m[:, None] * axis
-        return np.asarray(np.sqrt((away * away).sum(axis=1)))
+        offset = self.tip_position - origin - self.center_line_m[:, None] * axis
+        return np.asarray(np.sqrt((offset * offset).sum(axis=1)))

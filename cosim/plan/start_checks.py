@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array, Pose
 from cosim.base.solid import LinkContact
-from cosim.coupling.robots.soft_robot import MassProperties
+from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.joint_path import JointPath
 from cosim.plan.planning import JointPlanner

@@ -55,7 +55,7 @@ class _Asked:
         place = to.done - self.first
         if self.phase != to.phase or not 0 <= place < len(self.loads):
             return None
-        servos, loads = self.servos.some(place, place + most), self.loads[place : place + most]
+        servos, loads = self.servos.part(place, place + most), self.loads[place : place + most]
         return _Asked(to.phase, to.done, servos, loads, self.ahead)
 
 
@@ -331,7 +331,7 @@ class DynamicSimulation(SteppedRun):
             {**taken.columns(), **arrays},
             film,
             (report,) * n,
-            pieces=taken.pieces,
+            pieces=taken.substeps,
             link_contacts=self._link_contacts(taken, to.tick),
             branchings=branchings,
             overlaps=self._overlaps(taken, to),

@@ -13,7 +13,8 @@ from cosim.base.state_checks import check_state
 from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.robots.soft_robot import MassProperties, SoftRobot
+from cosim.coupling.robots.mass_properties import MassProperties
+from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.coupling.schemes import iterated
 from cosim.coupling.schemes.coupling import Coupling
 from cosim.coupling.schemes.interface import Interface
@@ -76,7 +77,7 @@ class SceneCarrier(Carrier):
         if law is None:
             return None
         query = scene.contact_query(fixed_only=True)
-        return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).still
+        return ContactExchange(query, scene.bodies, self._soft.contact_surface(), law).find_static
 
     def begins_in(self, points: Array) -> str:
         return "" if self._contact_law is None else self._coupled.begins_in(points)
@@ -402,7 +403,7 @@ class HostCarrier(SceneCarrier):
         query = scene.nothing_touched() if self._contact_law is None else scene.contact_query()
         glued = soft.body.tip, far
         found = ContactExchange(query, scene.bodies, soft.contact_surface(), self._contact_law, glued)
-        found.glue_at(soft.state.positions)
+        found.glue_nodes(soft.state.positions)
         return found
 
     @property

@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Final, final
 
 from cosim.errors import SolverError
-from cosim.soft.contact.film_look import ArmsLook
+from cosim.soft.contact.overlap_check import ArmsOverlapCheck
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.tick_batch import TickBatch
 
@@ -27,7 +27,7 @@ class ArmsRun:
         self.runs = dict(runs)
         self._step = step
         self._looks = {
-            names: ArmsLook(*(self.runs[name].soft.body for name in names))
+            names: ArmsOverlapCheck(*(self.runs[name].soft.body for name in names))
             for names in combinations(self.runs, 2)
         }
 

@@ -67,7 +67,7 @@ class FilmShapes:
         """Return some of the shapes, by their places."""
         known = self._known if self._reader is None else vars(self).get("figures", self._known)
         shapes = self._shapes[rows] if self._reader is None else [self._shapes[k] for k in rows.tolist()]
-        return FilmShapes(self._reader, shapes, known and known.some(rows))
+        return FilmShapes(self._reader, shapes, known and known.select(rows))
 
     def node_position(self, rows: slice = slice(None)) -> Array:
         """Return the film's nodes (k, nodes, 3) [m] at some of the ticks."""

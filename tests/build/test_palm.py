@@ -14,7 +14,7 @@ from cosim.build.arms import find_arm
 from cosim.build.scene_objects import PALM_NAME, palm_mass, palm_object
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import PalmTable
-from cosim.coupling.robots.soft_robot import MassProperties
+from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.rigid.build.description import SceneDescription, SceneObject
 from cosim.rigid.build.pair_friction import PairFriction
 from cosim.rigid.scene.scene import RigidScene

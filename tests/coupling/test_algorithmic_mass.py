@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.coupling.robots.film_robot import FilmRobot
-from cosim.coupling.robots.soft_robot import exchange_gain, reaction_weights
+from cosim.coupling.robots.stability_ratio import exchange_gain, reaction_weights
 from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, carried_fraction, rigid_fraction
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.soft.solve.newton_options import NewtonOptions

@@ -38,7 +38,7 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
     surface = ContactSurface.of(body, FilmPotential(body).pattern)
     scene = RigidScene(SceneDescription(find_arm("ur5e"), objects=OBJECTS))
     query = scene.contact_query()
-    search, nothing = NearSearch(query, surface), ContactMemory.room(0)
+    search, nothing = NearSearch(query, surface), ContactMemory.empty(0)
     rng, start, made = np.random.default_rng(0), query.position.copy(), 0
     counts = np.zeros(2)
     for step in range(60):
@@ -55,7 +55,7 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
         asked = x, extent, active, (REACH_M, BEHIND_M), nothing
         near = search.find(*asked)
         if near is None:  # the lists are not valid
-            search.make_lists(x, extent, REACH_M + MARGIN_M, BEHIND_M + MARGIN_M)
+            search.build_lists(x, extent, REACH_M + MARGIN_M, BEHIND_M + MARGIN_M)
             made += 1
             near = search.find(*asked)
         assert near is not None
@@ -71,7 +71,7 @@ def test_what_lists_find_is_what_a_whole_search_finds(step_m: float) -> None:
         seen = nearest_film(places, FilmTriangles(x, surface.triangles), within)
         np.testing.assert_array_equal(rows.feature, chosen[seen.point])
         np.testing.assert_array_equal(rows.triangle, seen.triangle)
-        np.testing.assert_array_equal(rows.found[:, 0], seen.distance)
+        np.testing.assert_array_equal(rows.gap[:, 0], seen.distance)
         counts += len(points.point), len(rows.feature)
     assert (counts > 300).all()
     assert 1 < made < 39

@@ -11,7 +11,7 @@ import pytest
 
 from cosim.base.frames import Array, Pose, Twist, rotation_from_vector, vector_from_rotation
 from cosim.coupling.robots.film_robot import FilmRobot
-from cosim.coupling.robots.soft_robot import exchange_gain
+from cosim.coupling.robots.stability_ratio import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.state import StepOptions

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose
-from cosim.coupling.robots.soft_robot import MassProperties, stability_ratio
+from cosim.coupling.robots.mass_properties import MassProperties
+from cosim.coupling.robots.stability_ratio import stability_ratio
 from tests.soft.bodies import random_rotation
 
 RANDOM = np.random.default_rng(0)

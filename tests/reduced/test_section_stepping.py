@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose, rotation_from_vector
-from cosim.coupling.robots.soft_robot import MassProperties
+from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.reduced.section_model import RingFrames, carried, points_of
 from cosim.reduced.sections.figures import center_and_inertia, figures_of, supplied_wrench
 from cosim.reduced.solve.chain_solver import ChainSolver

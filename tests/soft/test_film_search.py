@@ -7,7 +7,7 @@ import pytest
 
 from cosim.base.frames import Array, rotation_from_vector
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.contact.film_look import FilmLook
+from cosim.soft.contact.overlap_check import OverlapCheck
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from tests.soft.bodies import hexagon_arm, inflated_positions
@@ -78,7 +78,7 @@ def test_crumpled_units_are_found_over_one_another(seed: int, height: float) -> 
 
 def test_a_look_finds_the_deepest_point_behind_a_film_that_faces_it() -> None:
     body, depths = hexagon_arm(3), []
-    faces, look = FilmFaces.of(body), FilmLook(body)
+    faces, look = FilmFaces.of(body), OverlapCheck(body)
     points = FilmPoints.of(faces, body.positions)
     for seed, height in [(0, 1.0), (2, 0.15), (3, 0.4), (4, 0.1)]:
         x = crumpled(seed, height)[1]

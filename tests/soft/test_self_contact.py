@@ -16,7 +16,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.film_lists import FilmLists
-from cosim.soft.contact.film_look import FilmLook
+from cosim.soft.contact.overlap_check import OverlapCheck
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
@@ -217,7 +217,7 @@ def stacked(lower: SoftBody, upper: SoftBody, shift: tuple[float, float, float],
 def test_an_overlap_of_films_is_found_with_its_depth(depth: float) -> None:
     wide, narrow = 0.08, 0.04
     body = stacked(brick(wide, 0.4), brick(narrow, 0.05), (3e-3, 2e-3, 0.25 * (wide + narrow) - depth))
-    found = FilmLook(body).overlap(body.positions)
+    found = OverlapCheck(body).overlap(body.positions)
     if depth < 1e-4:
         assert found is None
         return
@@ -229,7 +229,7 @@ def test_an_overlap_of_films_is_found_with_its_depth(depth: float) -> None:
 def test_one_unit_alone_does_not_overlap() -> None:
     x, triangles = icosphere(1, 0.05)
     body = SoftBody.from_arrays(x, triangles, Film(1e9, 0.3, 1e-4), node_mass=1e-3)
-    assert FilmLook(body).overlap(x) is None
+    assert OverlapCheck(body).overlap(x) is None
 
 
 def test_a_point_presses_with_half_the_laws_stiffness_times_depth_and_its_area() -> None:

@@ -1,9 +1,9 @@
-"""Contact between the film and the rigid scene: one search per tick, forces on both sides.
+"""Contact between the film and the rigid scene: one search per tick, equal and opposite forces.
 
-Per tick, after MuJoCo's step: the surfaces near the film are found at the new poses and frozen as tangent
-planes; the soft step solves with them; what its contact points press with acts on the bodies in MuJoCo's
-next step, at the same points, with the opposite sign. Each contact keeps where its stick spring is tied on
-the obstacle, and its normal force, which bounds the friction of the next tick.
+Per tick, after MuJoCo's step, the surfaces near the film are found at the new poses and frozen as tangent
+planes. The soft step is solved with them. Its contact forces act on the bodies in MuJoCo's next step, at the
+same points, with the opposite sign. Each contact remembers the anchor of its stick spring on the obstacle,
+and its normal force, which bounds the friction of the next tick.
 """
 
 from dataclasses import dataclass, replace
@@ -28,43 +28,50 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState
 
 LOOKAHEAD_TICKS: Final = 2.0
-"""How many ticks' way of the fastest node a film looks ahead."""
+"""Reach of the search, in ticks of the fastest node's motion."""
 POSITION_TOLERANCE_M: Final = 2e-6
-"""How far bodies may go from where the film has met them; the next tick answers it, and more than that."""
+"""Largest accepted error of a body's predicted pose; the next tick corrects it."""
 TURN_LEVER_M: Final = 0.02
-"""Lever at which angles count as ways."""
+"""Lever by which angles are converted to distances."""
 UNKNOWN: Final = 1e30
-"""Of `ContactExchange.gives`: how such bodies give way is not known."""
+"""In `ContactExchange.compliance`: the body's compliance is not known."""
 BEHIND_M: Final = 5e-3
 """How far behind the film a corner still counts as one that came through it."""
 FEATURE_AREA_M2: Final = 5e-5
-"""What each represents: a corner must hold back the film around it by itself."""
+"""Film area that a corner represents: alone, it must hold back the film around it."""
 HIT_WAY_M: Final = 1e-3
-"""Way of a body in a step, beyond which its hit is not resolved: forces hang on the step."""
-HIT_SHARE: Final = 0.1
-"""The same as a share of the body's size."""
+"""Motion of a body in a step above which its hit is not resolved: forces depend on the step."""
+HIT_FRACTION: Final = 0.1
+"""The same as a fraction of the body's size."""
 GLUE_N_m: Final = 1e5
-"""Stiffness of the spring by which a node is glued: under 1 N it gives by 10 um."""
-_REACH_M = 1e-3  # looked ahead besides what the film moves in a tick
-_STILL_REACH_M = 3e-3  # the same in statics, where nothing says how far the film will move
-_MARGIN_M = 8e-3  # more of it lengthens the lists, less makes them anew more often
+"""Stiffness of the spring of a glued node: 10 um under 1 N."""
+_REACH_M = 1e-3  # reach of the search in addition to the film's motion
+_STATIC_REACH_M = 3e-3  # the same in statics, where the motion is not known
+_MARGIN_M = 8e-3  # of the lists: more makes them longer, less rebuilds them more often
+
+
+def body_loads(bodies: Bodies, *, predicted: bool) -> contact_arrays.BodyLoads:
+    """Return the contact loads on a scene's bodies; `predicted`: contacts may be at predicted poses."""
+    centers = bodies.mass_centers.copy() if predicted else bodies.mass_centers
+    untouched = np.zeros(bodies.count), np.zeros(8)
+    return contact_arrays.BodyLoads(bodies.applied, centers, bodies.bearing, *untouched)
 
 
 @final
 @dataclass(frozen=True)
 class ContactState:
-    """Where an exchange is.
+    """State of a `ContactExchange`.
 
     Args:
         memory: contacts that press.
-        planes: what might have been touched in the last step; None for nothing.
-        age: ticks of contact since bodies were weighed.
-        centers: (bodies, 3) [m], of masses, where the film has met them.
+        planes: contacts of the last step; None for none.
+        age: ticks of contact since heavy bodies were updated.
+        centers: (bodies, 3) [m], of masses, for which contacts were computed.
         force: (touched nodes, 3) [N], on the film.
-        past: (bodies, 12), loads on bodies before those that act, see `ContactExchange`.
-        pressing: (bodies,) [N], sum of the normal forces on each.
-        glued: (glued nodes, 3) [m], where they are tied, in their body's frame.
-        report: what the contacts of the last step did.
+        past: (bodies, 12), earlier loads on bodies, see `ContactExchange`.
+        normal_force: (bodies,) [N], sum of the normal forces on each.
+        glued: (glued nodes, 3) [m], anchors in the body's frame.
+        report: of the last step's contacts.
     """
 
     memory: ContactMemory
@@ -73,7 +80,7 @@ class ContactState:
     centers: Annotated[Array, ("bodies", 3)]
     force: Annotated[Array, ("touched nodes", 3)]
     past: Annotated[Array, ("bodies", 12)]
-    pressing: Annotated[Array, ("bodies",)]
+    normal_force: Annotated[Array, ("bodies",)]
     glued: Annotated[Array, ("*", 3)]
     report: ContactReport
 
@@ -82,21 +89,21 @@ class ContactState:
 class ContactExchange:
     """Finds contacts, remembers them, and loads the bodies.
 
-    After a step, `planes` are the contacts that it was taken with, None for none; `sticking` the same as they
-    answer a small motion from rest; `report` says what they did, `memory` which press.
+    After a step, `planes` are its contacts, None for none; `sticking` are the same contacts for a small
+    motion from rest; `report` summarises them, `memory` holds those that press.
 
-    Of bodies: `loads` are what acts on them, `past` (bodies, 12) the loads one tick before those that act,
-    and two, `assumed` (bodies, 6) those with which the film meets them; `movable` (f,) can be touched and
-    moved by loads; `gives` (bodies, 2) [1/N, 1/(N m)] is by how much a body goes from where the film has met
-    it for a change of its load in a tick, over what may be. `age` counts ticks of contact since heavy bodies
-    were weighed, `met` those that touched bodies which gave way since these were.
+    For bodies: `loads` are their present contact loads, `past` (bodies, 12) the loads one tick and two ticks
+    before, `assumed` (bodies, 6) the loads for which poses are predicted. `movable` (f,) are the bodies that
+    the film can touch and loads can move. `compliance` (bodies, 2) [1/N, 1/(N m)] is the change of a body's
+    pose in a tick per change of its load, relative to the tolerance. `age` counts ticks of contact since
+    heavy bodies were updated, `light_ticks` ticks of contact with light bodies since these were updated.
 
     Args:
-        query: distances to what can be touched.
+        query: distances to the shapes that can be touched.
         bodies: of the scene.
         surface: of the soft body.
         law: of contact.
-        glued: (k,) nodes of the film and the body that they are glued to, each where it is; None for none.
+        glued: (k,) nodes of the film and the body to which they are glued in place; None for none.
     """
 
     def __init__(
@@ -119,13 +126,13 @@ class ContactExchange:
         self._was_near = len(nodes) > 0
         self._prepare_surface()
         self._prepare_bodies()
-        self.memory = ContactMemory.room(0)
+        self.memory = ContactMemory.empty(0)
         self.planes: ContactPlanes | None = None
-        self._concluded: Array | None = None  # nodes for which loads on bodies are known
+        self._summed_at: Array | None = None  # nodes for which loads on bodies have been summed
         self._nothing = ContactPlanes.room(0, self.law)
-        self._body_ends = contact_arrays.ContactLoads.room(bodies.count)
-        self.age = self.met = 0
-        self._acts = False  # whether something is left to be ended in a tick in which nothing is touched
+        self._contact_loads = contact_arrays.ContactLoads.none(bodies.count)
+        self.age = self.light_ticks = 0
+        self._loads_pending = False  # whether bodies have loads that a tick without contact must remove
         self.report = NOTHING_TOUCHED
 
     def _prepare_surface(self) -> None:
@@ -144,22 +151,22 @@ class ContactExchange:
         bodies, count = self.bodies, self.bodies.count
         touchable = np.union1d(self.query.body, self.glue.body[: len(self.glue.point)])
         self.movable: IntArray = touchable[bodies.movable(touchable)]
-        self.loads = contact_arrays.BodyLoads.of(bodies, ahead=True)
+        self.loads = body_loads(bodies, predicted=True)
         self.past, self.assumed = np.zeros((count, 12)), np.zeros((count, 6))
-        self.gives = np.full((count, 2), UNKNOWN)
+        self.compliance = np.full((count, 2), UNKNOWN)
         self._resolved = np.full(count, np.inf)
         sizes = bodies.sizes_m(self.movable)
-        self._resolved[self.movable] = np.minimum(HIT_WAY_M, HIT_SHARE * sizes)
+        self._resolved[self.movable] = np.minimum(HIT_WAY_M, HIT_FRACTION * sizes)
 
-    def glue_at(self, positions: Array) -> None:
-        """Glue the film's nodes where they are at positions (n, 3) [m]."""
+    def glue_nodes(self, positions: Array) -> None:
+        """Tie the glued nodes to their body at positions (n, 3) [m]."""
         glue = self.glue
         body = glue.body[0]
-        here = positions[self.surface.nodes[glue.point, 0]]
-        glue.place[:] = (here - glue.position[body]) @ glue.axes[body].reshape(3, 3)
+        points = positions[self.surface.nodes[glue.point, 0]]
+        glue.anchor[:] = (points - glue.position[body]) @ glue.axes[body].reshape(3, 3)
 
     def find(self, before: SoftState, tick_s: float) -> ContactPlanes | None:
-        """Return what the film may touch in the coming step; None for nothing.
+        """Return the possible contacts of the coming step; None for none.
 
         Args:
             before: state of the soft body before the step.
@@ -167,115 +174,119 @@ class ContactExchange:
         """
         return self._find(before.positions, before.velocities, self.rest_reach_m, LOOKAHEAD_TICKS * tick_s)
 
-    def still(self, positions: Array) -> ContactPlanes | None:
-        """Return what the film may touch near an equilibrium, without friction; None for nothing.
+    def find_static(self, positions: Array) -> ContactPlanes | None:
+        """Return the possible contacts near an equilibrium, without friction; None for none.
 
         Args:
             positions: (n, 3) [m], of the nodes.
         """
-        return self._find(positions, np.zeros_like(positions), _STILL_REACH_M, 0.0)
+        return self._find(positions, np.zeros_like(positions), _STATIC_REACH_M, 0.0)
 
     def _find(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> ContactPlanes | None:
-        self.planes = self._concluded = None
+        self.planes = self._summed_at = None
         if len(self.query) + len(self.glue.point) == 0:
             return None
         near = self._near(x, velocity, rest_m, ahead_s)
         glued = len(self.glue.point)
         if near is None and not glued:
-            self.memory = ContactMemory.room(0)
+            self.memory = ContactMemory.empty(0)
             return None
         points = 0 if near is None else len(near.points.point)
         count = points + glued + (0 if near is None else len(near.features.feature))
         if not count:
-            self.memory = ContactMemory.room(0)
+            self.memory = ContactMemory.empty(0)
             return None
         self.planes = ContactPlanes.room(count, self.law)
         self._describe(x, velocity, near, self.planes)
         return self.planes
 
     def _near(self, x: Array, velocity: Array, rest_m: float, ahead_s: float) -> NearFilm | None:
-        """Return what is near the film, None for nothing; shapes are where the film will meet them."""
+        """Return points and features near each other, None for none; shapes are at their predicted poses."""
         tick_s, query, moves, coming_m = ahead_s / LOOKAHEAD_TICKS, self.query, len(self.movable) > 0, 0.0
-        sight, extent = self.bodies.prediction, Extent.of(x, velocity)
+        prediction, extent = self.bodies.prediction, Extent.of(x, velocity)
         if moves:
-            sight.at_velocities(tick_s)
-            # a body that comes on is met a tick before it is there, so its hit finds ticks in pieces
-            coming_m = tick_s * contact_kernels.fastest_body(sight.motions, self.movable)
-            contact_kernels.assume(self.loads, self.past, self.assumed)
-        self._place_shapes()
+            prediction.at_velocities(tick_s)
+            # an approaching body is found a tick early, so that its hit falls into ticks with substeps
+            coming_m = tick_s * contact_kernels.fastest_body(prediction.motions, self.movable)
+            contact_kernels.extrapolate_loads(self.loads, self.past, self.assumed)
+        self._predict_poses()
         reach_m = rest_m + ahead_s * extent.speed_m_s + coming_m
         active = query.near(extent.low, extent.high, reach_m)
-        if moves and ahead_s > 0.0 and self._meets_ahead(active):
-            sight.under_loads(self.assumed, tick_s)
-            self._place_shapes()
+        if moves and ahead_s > 0.0 and self._any_predicted(active):
+            prediction.under_loads(self.assumed, tick_s)
+            self._predict_poses()
             active = query.near(extent.low, extent.high, reach_m)
         if not len(active):
             return None
         self._was_near = True
-        asked = x, extent, active, (reach_m, BEHIND_M), self.memory
-        found = self.search.find(*asked)
-        if found is None:
-            self.search.make_lists(x, extent, reach_m + _MARGIN_M, BEHIND_M + _MARGIN_M)
-            found = self.search.find(*asked)
-        return found
+        arguments = x, extent, active, (reach_m, BEHIND_M), self.memory
+        near = self.search.find(*arguments)
+        if near is None:
+            self.search.build_lists(x, extent, reach_m + _MARGIN_M, BEHIND_M + _MARGIN_M)
+            near = self.search.find(*arguments)
+        return near
 
-    def _meets_ahead(self, active: IntArray) -> bool:
-        """Return whether one of the bodies of shapes, or that which nodes are glued to, may give way."""
+    def _any_predicted(self, active: IntArray) -> bool:
+        """Return whether the pose of a body of these shapes, or of the glued body, is predicted."""
         ahead = self.bodies.prediction.ahead
         if len(self.glue.point) and ahead[self.glue.body[0]] > 0:
             return True
         return bool(np.count_nonzero(ahead[self.query.body[active]] > 0))
 
-    def _place_shapes(self) -> None:
-        sight, query = self.bodies.prediction, self.query
-        centers = self.bodies.mass_centers, sight.lead
-        unchecked(contact_kernels.place_shapes)(query.geom_poses, *centers, query.poses, self.loads.centers)
+    def _predict_poses(self) -> None:
+        query, centers = self.query, self.bodies.mass_centers
+        unchecked(contact_kernels.predict_poses)(
+            query.geom_poses, centers, self.bodies.prediction.lead, query.poses, self.loads.centers
+        )
 
     def _describe(self, x: Array, velocity: Array, near: NearFilm | None, contacts: ContactPlanes) -> None:
-        """Fill tangent planes and what they are tied to; what pressed before keeps force and anchor."""
-        surface, shapes, sight = self._surface, self._shapes, self.bodies.prediction
+        """Fill tangent planes and anchors; contacts that pressed before keep force and anchor."""
+        surface, shapes, prediction = self._surface, self._shapes, self.bodies.prediction
         if near is not None:
             begin, features = len(near.points.point), near.features
             unchecked(contact_kernels.describe_points)(
-                near.points, self.search.places, surface, shapes, contacts
+                near.points, self.search.points, surface, shapes, contacts
             )
             if len(features.feature):
                 unchecked(contact_kernels.describe_features)(x, features, surface, shapes, begin, contacts)
                 contacts.stiffness[begin : begin + len(features.feature)] = self._feature_N_m
         if len(self.glue.point):
-            contact_kernels.describe_glue(self.glue, surface, sight.lead, contacts)
+            contact_kernels.describe_glue(self.glue, surface, prediction.lead, contacts)
         if len(self.movable):
-            unchecked(contact_kernels.fill_approach)(contacts, velocity, self._resolved, sight.motions)
+            unchecked(contact_kernels.fill_approach)(contacts, velocity, self._resolved, prediction.motions)
         if len(self.memory.key):
-            unchecked(contact_kernels.recall)(self.memory, shapes, contacts)
+            unchecked(contact_kernels.restore_memory)(self.memory, shapes, contacts)
 
     def move(self, contacts: IntArray, shift: Array) -> ContactPlanes:
-        """Return what was found with contacts (k,) gone by a shift (k, 3) [m] with their bodies."""
-        found = self.planes
-        assert found is not None, "contacts were found"
-        offset, anchor, carrier = found.offset.copy(), found.anchor.copy(), found.carrier.copy()
-        offset[contacts] += np.einsum("kr,kr->k", found.normal[contacts], shift)
+        """Move contacts (k,) by a shift (k, 3) [m] of their bodies, and return all contacts."""
+        planes = self.planes
+        assert planes is not None, "contacts were found"
+        offset, anchor, carrier = planes.offset.copy(), planes.anchor.copy(), planes.carrier.copy()
+        offset[contacts] += np.einsum("kr,kr->k", planes.normal[contacts], shift)
         anchor[contacts] += shift
         carrier[contacts] += shift
-        self._concluded = None
-        self.planes = moved = found.changed(offset=offset, anchor=anchor, carrier=carrier)
+        self._summed_at = None
+        self.planes = moved = planes.changed(offset=offset, anchor=anchor, carrier=carrier)
         return moved
 
-    def ahead(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
-        """Return how far bodies will be ahead (b, 6), see `PosePrediction`.
+    def predict(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
+        """Return the predicted displacements (b, 6) of bodies under given loads, see `PosePrediction`.
 
         Args:
-            bodies: (b,) that are met ahead.
-            loads: (6 b,), about their centres of mass, instead of those that act now.
+            bodies: (b,) whose poses are predicted.
+            loads: (6 b,), about their centres of mass, in place of the present ones.
             tick_s: length of MuJoCo's step [s].
         """
-        borne = self.bodies.applied.copy()
-        borne[bodies] = loads.reshape(-1, 6)
-        self.bodies.prediction.under_loads(borne, tick_s)
+        applied = self.bodies.applied.copy()
+        applied[bodies] = loads.reshape(-1, 6)
+        self.bodies.prediction.under_loads(applied, tick_s)
         return self.bodies.prediction.lead[bodies]
 
-    def held_way(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
-        """Return how bodies give way (6 b, 6 b) under loads, see `ahead`, with all that holds them then."""
+    def held_compliance(self, bodies: IntArray, loads: Array, tick_s: float) -> Array:
+        """Return the compliance (6 b, 6 b) of bodies under loads, with MuJoCo's constraints; see `predict`.
+
+        That is h^2 J M^-1 J^T, as in `light_bodies`.
+        """
         applied = self.bodies.applied
         before = applied[bodies]
         applied[bodies] = loads.reshape(-1, 6)
@@ -283,95 +294,99 @@ class ContactExchange:
         applied[bodies] = before
         return mobility
 
-    def may_give_way(self) -> tuple[bool, bool]:
-        """Return whether a body that was found may give way, and whether it is known how all of them do."""
+    def light_bodies_near(self) -> tuple[bool, bool]:
+        """Return whether light bodies are among the contacts, and whether the compliance of all is known."""
         if self.planes is None or not len(self.movable):
             return False, True
         near, ahead = self.planes.body, self.bodies.prediction.ahead
         if not np.count_nonzero(ahead[near] > 0):
             return False, True
-        unknown = (ahead > 0) & (self.gives[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
+        unknown = (ahead > 0) & (self.compliance[:, 0] == UNKNOWN) & (self.loads.loaded != 0)
         return True, not np.count_nonzero(unknown[near])
 
-    def disagreement(self, x: Array, tolerance_N: float, tick_s: float) -> float:
-        """Return how far bodies go from where a step has met them, under its loads, over what they may.
+    def mismatch(self, x: Array, tolerance_N: float, tick_s: float) -> float:
+        """Return the largest error of a predicted pose under a step's loads, relative to the tolerance.
 
-        At most 1 where that is agreed, infinite where it is not known. Where free ones would, held ones do;
-        otherwise MuJoCo's next step is looked at.
+        At most 1 is accepted; infinite means not known. The error of free bodies bounds that of constrained
+        ones; if the bound fails, MuJoCo's next step is computed.
 
         Args:
             x: (n, 3) [m], nodes at the end of the step.
             tolerance_N: of the film's forces.
             tick_s: length of MuJoCo's step [s].
         """
-        self._conclude(x)
-        ends, loads, sight = self._body_ends, self.loads, self.bodies.prediction
-        most = unchecked(contact_kernels.disagreement)(
-            ends, loads, self.assumed, sight.ahead, self.gives, tolerance_N
+        self._sum_loads(x)
+        ends, loads, prediction = self._contact_loads, self.loads, self.bodies.prediction
+        most = unchecked(contact_kernels.mismatch)(
+            ends, loads, self.assumed, prediction.ahead, self.compliance, tolerance_N
         )
         if not most <= 1.0:
-            most = self._away_m(tick_s) / POSITION_TOLERANCE_M if most < np.inf else most
-        if most <= 1.0 and np.count_nonzero(ends.acting[sight.ahead > 0]):
-            self.met += 1
+            most = self._pose_error_m(tick_s) / POSITION_TOLERANCE_M if most < np.inf else most
+        if most <= 1.0 and np.count_nonzero(ends.touched[prediction.ahead > 0]):
+            self.light_ticks += 1
         return float(most)
 
-    def _away_m(self, tick_s: float) -> float:
-        """Return how far bodies go from where the film has met them under the loads at the end of a step."""
-        sight, borne = self.bodies.prediction, np.empty_like(self.assumed)
-        before = sight.lead.copy()
-        contact_kernels.fill_borne(self._body_ends, self.loads, borne)
-        sight.under_loads(borne, tick_s)
-        found = sight.lead, before, self.loads.centers, sight.ahead
-        away_m = contact_kernels.farthest_led(*found, TURN_LEVER_M)
-        sight.lead[:] = before
-        return float(away_m)
+    def _pose_error_m(self, tick_s: float) -> float:
+        """Return the largest error [m] of a predicted pose under the loads at the end of a step."""
+        prediction, loads = self.bodies.prediction, np.empty_like(self.assumed)
+        before = prediction.lead.copy()
+        contact_kernels.fill_next_loads(self._contact_loads, self.loads, loads)
+        prediction.under_loads(loads, tick_s)
+        poses = prediction.lead, before, self.loads.centers, prediction.ahead
+        error_m = contact_kernels.largest_pose_error(*poses, TURN_LEVER_M)
+        prediction.lead[:] = before
+        return float(error_m)
 
-    def _conclude(self, x: Array) -> None:
+    def _sum_loads(self, x: Array) -> None:
         """Sum the loads on bodies at the end of a step, once."""
-        if self._concluded is not x and self.planes is not None:
-            unchecked(contact_kernels.conclude)(x, self.planes, self.query.friction, self._body_ends)
-            self._concluded = x
+        if self._summed_at is not x and self.planes is not None:
+            unchecked(contact_kernels.sum_contact_loads)(
+                x, self.planes, self.query.friction, self._contact_loads
+            )
+            self._summed_at = x
 
     def commit(self, before: Array, x: Array) -> ContactReport:
-        """Take in the end of the soft step: remember the contacts and load the bodies.
+        """Accept the soft step: remember its contacts and load the bodies.
 
         Args:
-            before: (n, 3) [m], of the nodes at the beginning of the step.
-            x: (n, 3) [m], the same at its end.
+            before: (n, 3) [m], nodes at the start of the step.
+            x: (n, 3) [m], nodes at its end.
         """
         contacts = self.planes
-        if contacts is None and not self._acts:
+        if contacts is None and not self._loads_pending:
             self.report = NOTHING_TOUCHED
             return self.report
         if contacts is None:
-            self._body_ends.clear()
-            self.memory = ContactMemory.room(0)
+            self._contact_loads.clear()
+            self.memory = ContactMemory.empty(0)
         else:
-            self._conclude(x)
-            self.memory = self._remembered(contacts)
+            self._sum_loads(x)
+            self.memory = self._new_memory(contacts)
             self.age += 1
         ending = self._nothing if contacts is None else contacts
         work_J = unchecked(contact_kernels.add_work)(ending, before, x, self._force)
-        unchecked(contact_kernels.load_bodies)(self._body_ends, self.loads, self.past)
-        self._acts = contacts is not None
-        self.report = self._reported(float(work_J))
+        unchecked(contact_kernels.load_bodies)(self._contact_loads, self.loads, self.past)
+        self._loads_pending = contacts is not None
+        self.report = self._new_report(float(work_J))
         self.__dict__.pop("sticking", None)
         return self.report
 
-    def _remembered(self, contacts: ContactPlanes) -> ContactMemory:
+    def _new_memory(self, contacts: ContactPlanes) -> ContactMemory:
         """Return the contacts that press at the end of a step."""
-        memory = ContactMemory.room(int(np.count_nonzero(contacts.normal_force > 0.0)))
+        memory = ContactMemory.empty(int(np.count_nonzero(contacts.normal_force > 0.0)))
         if len(memory.key):
-            unchecked(contact_kernels.remember)(contacts, self._shapes, memory)
+            unchecked(contact_kernels.fill_memory)(contacts, self._shapes, memory)
             if len(self.movable):
-                unchecked(contact_kernels.see_hits)(contacts, self._resolved, self._body_ends.figures)
+                unchecked(contact_kernels.find_worst_hit)(
+                    contacts, self._resolved, self._contact_loads.figures
+                )
         return memory
 
-    def _reported(self, work_J: float) -> ContactReport:
+    def _new_report(self, work_J: float) -> ContactReport:
         if self.planes is None:
             return replace(NOTHING_TOUCHED, work_J=work_J)
-        ends = self._body_ends
-        acting = np.flatnonzero(ends.acting)
+        ends = self._contact_loads
+        acting = np.flatnonzero(ends.touched)
         normal_N, depth_m, hit_m_s, hit_way_m, hit_body = ends.figures.tolist()
         return ContactReport(
             acting, ends.loads[acting, :3], ends.loads[acting, 3:], len(self.memory.key), normal_N, depth_m,
@@ -380,7 +395,7 @@ class ContactExchange:
 
     @cached_property
     def sticking(self) -> ContactPlanes | None:
-        """The contacts as they answer a small motion from rest, at the end of the step."""
+        """The contacts at the end of the step for a small motion from rest, in which all of them stick."""
         planes = self.planes
         if planes is None:
             return None
@@ -388,7 +403,7 @@ class ContactExchange:
         return planes.sticking(np.where(planes.glued, GLUED, coefficient * planes.normal_force))
 
     def fastest_m_s(self, after: SoftState) -> float:
-        """Return how fast the film comes on to what can move, or what it presses on moves on the flange."""
+        """Return the largest speed of approach of film and movable bodies, see `fastest_touched`."""
         if self.planes is None or not len(self.movable):
             return 0.0
         bodies, touched = self.bodies.prediction.motions, self.loads.loaded
@@ -399,48 +414,48 @@ class ContactExchange:
 
     @property
     def rest_reach_m(self) -> float:
-        """How far a film at rest looks for shapes."""
+        """Reach of the search for a film at rest."""
         return self.law.onset_m + _REACH_M
 
     @property
-    def held_N_m(self) -> Array:
+    def stiffness_N_m(self) -> Array:
         """(bodies,) [N/m], trace of the stiffness of the contacts with each body, stick springs slack."""
-        return self._body_ends.held
+        return self._contact_loads.stiffness_trace
 
     @property
     def state(self) -> ContactState:
-        """What the next tick depends on; the scene is restored before it."""
-        rows = self.loads.centers, self._force, self.past, self.loads.pressing, self.glue.place
+        """State of contact; restore the scene before it."""
+        rows = self.loads.centers, self._force, self.past, self.loads.normal_force, self.glue.anchor
         return ContactState(self.memory, self.planes, self.age, *copied(rows), self.report)
 
     @state.setter
-    def state(self, found: ContactState) -> None:
-        self._check(found)
-        self.glue.place[:], self.report = found.glued, found.report
-        self.memory, self.planes, self.age = found.memory, found.planes, found.age
-        self._concluded = None
+    def state(self, saved: ContactState) -> None:
+        self._check(saved)
+        self.glue.anchor[:], self.report = saved.glued, saved.report
+        self.memory, self.planes, self.age = saved.memory, saved.planes, saved.age
+        self._summed_at = None
         self.__dict__.pop("sticking", None)
-        if len(found.memory.key) or found.planes is not None or self.bodies.applied[self.query.body].any():
+        if len(saved.memory.key) or saved.planes is not None or self.bodies.applied[self.query.body].any():
             self._was_near = True
-        self.loads.centers[:], self.loads.pressing[:] = found.centers, found.pressing
-        self._force[:], self.past[:] = found.force, found.past
-        self._acts = self._was_near  # bodies may bear what the next step is to end
+        self.loads.centers[:], self.loads.normal_force[:] = saved.centers, saved.normal_force
+        self._force[:], self.past[:] = saved.force, saved.past
+        self._loads_pending = self._was_near  # bodies may have loads that the next step must remove
 
-    def _check(self, found: ContactState) -> None:
-        """Check what a saved state names.
+    def _check(self, saved: ContactState) -> None:
+        """Check the indices in a saved state.
 
         Raises:
-            InputError: there is no such node or shape.
+            InputError: a node, shape or body does not exist here.
         """
-        glued, here = len(found.glued), len(self.glue.place)
-        if glued != here:
-            raise InputError(f"the saved soft robot is glued by {glued} nodes, this one by {here}")
-        memory, query, surface = found.memory, self.query, self.surface
+        glued, present = len(saved.glued), len(self.glue.anchor)
+        if glued != present:
+            raise InputError(f"the saved soft robot is glued by {glued} nodes, this one by {present}")
+        memory, query, surface = saved.memory, self.query, self.surface
         of_features = memory.face >= 0
         features = memory.key[of_features] - len(query.body) * len(surface)  # keys of points come first
         check_indices(features, len(query.features.shape), "features")
         for triangle in (memory.face[of_features], memory.triangle[memory.triangle >= 0]):
             check_indices(triangle, len(surface.triangles), "triangles")
-        if found.planes is not None:
-            check_indices(found.planes.body, self.bodies.count, "bodies")
-            surface.check_planes(found.planes)
+        if saved.planes is not None:
+            check_indices(saved.planes.body, self.bodies.count, "bodies")
+            surface.check_planes(saved.planes)

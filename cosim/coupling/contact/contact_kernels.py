@@ -1,6 +1,6 @@
-"""Leaves of a tick's contacts with the scene: what may be touched, what was at its end, what bodies bear.
+"""Kernels of a tick's contacts between film and scene: contact planes before the step, loads after it.
 
-Bodies that give way are met where they will be, see `LightBodies`.
+Contacts with light bodies are computed for their predicted poses, see `LightBodies`.
 """
 
 import math
@@ -24,19 +24,19 @@ from cosim.rigid.scene.body_motion import BodyMotions, fill_speed, led
 from cosim.soft.contact.contact_law import GLUED, depth_of, resting_stiffness, shorten
 from cosim.soft.contact.obstacle_contact import ContactPlanes, evaluate_again
 
-EXACTLY = 0.25  # share of what bodies may be off that the film's own residual may make
+EXACTLY = 0.25  # fraction of the bodies' position tolerance that the film's residual may cause
 
 
 @kernel
-def place_shapes(
+def predict_poses(
     geoms: GeomPoses, mass_center: Matrix, lead: Matrix, poses: ShapePoses, centers: Matrix
 ) -> None:
-    """Take the shapes' present poses and centres of mass over from MuJoCo, and bring them ahead.
+    """Fill the shapes' poses and the bodies' centres of mass: MuJoCo's, moved by the predicted displacement.
 
     Args:
         geoms: MuJoCo's poses.
         mass_center: (bodies, 3) [m], MuJoCo's.
-        lead: (bodies, 6), see `PosePrediction`.
+        lead: (bodies, 6), displacement, see `PosePrediction`.
         poses: of the shapes, filled.
         centers: (bodies, 3) [m], filled.
     """
@@ -50,7 +50,7 @@ def place_shapes(
             poses.position[g, r] = place[r] + led(moved, place, r)
             for c in range(3):
                 axes[r, c] = geoms.axes[geom, 3 * r + c]
-        x, y, z = moved[3], moved[4], moved[5]  # by which they have turned
+        x, y, z = moved[3], moved[4], moved[5]  # rotation vector
         angle = math.sqrt(x * x + y * y + z * z)
         if angle < 1e-12:
             continue
@@ -66,7 +66,7 @@ def place_shapes(
 
 @kernel
 def fastest_body(motions: BodyMotions, movable: Indices) -> float:
-    """Return the largest speed [m/s] of a body that loads can move, seen from the flange.
+    """Return the largest speed [m/s] of a body that loads can move, relative to the flange.
 
     Args:
         motions: of all bodies.
@@ -84,14 +84,14 @@ def fastest_body(motions: BodyMotions, movable: Indices) -> float:
 
 
 @kernel
-def assume(loads: BodyLoads, past: Matrix, assumed: Matrix) -> None:
-    """Fill the loads with which the film meets bodies: those that act, and as they have changed.
+def extrapolate_loads(loads: BodyLoads, past: Matrix, assumed: Matrix) -> None:
+    """Fill the loads for which bodies' poses are predicted: the present ones, extrapolated.
 
-    Of the last change, that share continues by which the change before it would have continued best.
+    The last change is repeated times a fraction: the best one to get that change from the change before it.
 
     Args:
         loads: that act.
-        past: (bodies, 12), loads one tick before those that act, and two; zero where none acted.
+        past: (bodies, 12), loads one tick and two ticks before the present ones; zero where none acted.
         assumed: (bodies, 6), filled.
     """
     for b in range(loads.loaded.shape[0]):
@@ -101,14 +101,14 @@ def assume(loads: BodyLoads, past: Matrix, assumed: Matrix) -> None:
                 before = past[b, r] - past[b, 6 + r]
                 along += (loads.applied[b, r] - past[b, r]) * before
                 square += before * before
-            share = min(max(along / square, 0.0), 1.0) if loads.loaded[b] and square > 0.0 else 0.0
+            fraction = min(max(along / square, 0.0), 1.0) if loads.loaded[b] and square > 0.0 else 0.0
             for r in range(first, first + 3):
-                assumed[b, r] = loads.applied[b, r] + share * (loads.applied[b, r] - past[b, r])
+                assumed[b, r] = loads.applied[b, r] + fraction * (loads.applied[b, r] - past[b, r])
 
 
 @device_function
-def _place_of(wanted: int, ascending: Indices) -> int:
-    """Return where a number is in an ascending list, -1 if it is not; numpy's takes 0.5 s to compile."""
+def _index_of(wanted: int, ascending: Indices) -> int:
+    """Return the index of a number in an ascending list, -1 if absent; numpy's takes 0.5 s to compile."""
     low, high = 0, ascending.shape[0]
     while low < high:
         middle = (low + high) // 2
@@ -120,33 +120,33 @@ def _place_of(wanted: int, ascending: Indices) -> int:
 
 
 @kernel
-def fill_held(memory: ContactMemory, listed: Indices, first_key: int, held: Indices) -> None:
-    """Fill which triangle has held back each listed feature until now.
+def fill_holding_triangles(memory: ContactMemory, listed: Indices, first_key: int, holding: Indices) -> None:
+    """Fill the triangle that has held back each listed feature in the last tick.
 
     Args:
         memory: of the contacts that pressed.
         listed: (f,) features, ascending.
-        first_key: of features.
-        held: (f,), filled with it; -2 less the one that it has brushed; -1 for none.
+        first_key: key of the first feature.
+        holding: (f,), filled with the triangle t; -2 - t for one that the feature only brushed; -1 for none.
     """
     for f in range(listed.shape[0]):
-        held[f] = -1
+        holding[f] = -1
     for e in range(memory.key.shape[0]):
         if memory.face[e] >= 0:
-            place = _place_of(memory.key[e] - first_key, listed)
-            if place >= 0:
-                held[place] = memory.triangle[e] if memory.triangle[e] >= 0 else -2 - memory.face[e]
+            index = _index_of(memory.key[e] - first_key, listed)
+            if index >= 0:
+                holding[index] = memory.triangle[e] if memory.triangle[e] >= 0 else -2 - memory.face[e]
 
 
 @kernel
 def describe_points(
-    hits: HitRows, places: Matrix, surface: SurfaceArrays, shapes: ShapeArrays, contacts: ContactPlanes
+    hits: HitRows, positions: Matrix, surface: SurfaceArrays, shapes: ShapeArrays, contacts: ContactPlanes
 ) -> None:
     """Fill the first contacts from points of the film near shapes.
 
     Args:
         hits: (k,) such points.
-        places: (p, 3) [m], of all points.
+        positions: (p, 3) [m], of all points.
         surface: of the film.
         shapes: of the scene.
         contacts: filled.
@@ -155,9 +155,9 @@ def describe_points(
         p, g, height = hits.point[e], hits.shape[e], 0.0
         for r in range(3):
             contacts.nodes[e, r], contacts.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
-            contacts.normal[e, r], contacts.anchor[e, r] = hits.found[e, 1 + r], places[p, r]
+            contacts.normal[e, r], contacts.anchor[e, r] = hits.found[e, 1 + r], positions[p, r]
             contacts.carrier[e, r] = shapes.position[g, r]
-            height += contacts.normal[e, r] * places[p, r]
+            height += contacts.normal[e, r] * positions[p, r]
         for k in range(6):
             contacts.slots[e, k] = surface.slots[p, k]
         contacts.offset[e], contacts.body[e] = height - hits.found[e, 0], shapes.body[g]
@@ -174,14 +174,14 @@ def describe_features(
     begin: int,
     contacts: ContactPlanes,
 ) -> None:
-    """Fill contacts from features near the film, but for their stiffness.
+    """Fill contacts from features near the film, without their stiffness.
 
     Args:
         x: (n, 3) [m], of the nodes.
         near: (f,) such features.
         surface: of the film.
         shapes: of the scene.
-        begin: the first of these contacts.
+        begin: index of the first of these contacts.
         contacts: filled.
     """
     first_key = shapes.body.shape[0] * surface.nodes.shape[0]
@@ -191,12 +191,12 @@ def describe_features(
             contacts.slots[e, k] = surface.triangle_slots[t, k]
         for r in range(3):
             contacts.nodes[e, r], contacts.weights[e, r] = surface.triangles[t, r], near.weight[f, r]
-            contacts.normal[e, r], contacts.carrier[e, r] = -near.found[f, 1 + r], near.place[f, r]
+            contacts.normal[e, r], contacts.carrier[e, r] = -near.gap[f, 1 + r], near.position[f, r]
             contacts.anchor[e, r] = 0.0
             for a in range(3):
                 contacts.anchor[e, r] += near.weight[f, a] * x[surface.triangles[t, a], r]
             height += contacts.normal[e, r] * contacts.anchor[e, r]
-        contacts.offset[e], contacts.body[e] = height - near.found[f, 0], shapes.body[near.owner[f]]
+        contacts.offset[e], contacts.body[e] = height - near.gap[f, 0], shapes.body[near.owner[f]]
         contacts.friction[e] = 0.0
         contacts.shape[e], contacts.key[e], contacts.triangle[e] = (
             near.owner[f],
@@ -207,25 +207,25 @@ def describe_features(
 
 @kernel
 def describe_glue(glue: Glue, surface: SurfaceArrays, lead: Matrix, contacts: ContactPlanes) -> None:
-    """Fill the last contacts from glued points, whose anchors go with their body.
+    """Fill the last contacts from glued points, whose anchors move with their body.
 
     Args:
         glue: (k,) points.
         surface: of the film.
-        lead: (bodies, 6), see `PosePrediction`.
+        lead: (bodies, 6), displacement, see `PosePrediction`.
         contacts: filled.
     """
-    place = small_vector(3)
+    anchor = small_vector(3)
     for k in range(glue.point.shape[0]):
         p, b, e = glue.point[k], glue.body[0], contacts.body.shape[0] - glue.point.shape[0] + k
         for r in range(3):
             contacts.nodes[e, r], contacts.weights[e, r] = surface.nodes[p, r], surface.weights[p, r]
             contacts.normal[e, r] = 0.0
-            place[r] = glue.position[b, r]
+            anchor[r] = glue.position[b, r]
             for s in range(3):
-                place[r] += glue.axes[b, 3 * r + s] * glue.place[k, s]
+                anchor[r] += glue.axes[b, 3 * r + s] * glue.anchor[k, s]
         for r in range(3):
-            contacts.anchor[e, r] = place[r] + led(lead[b], place, r)
+            contacts.anchor[e, r] = anchor[r] + led(lead[b], anchor, r)
         for r in range(6):
             contacts.slots[e, r] = surface.slots[p, r]
         contacts.offset[e], contacts.stiffness[e], contacts.friction[e] = 0.0, glue.stiffness, GLUED
@@ -234,33 +234,33 @@ def describe_glue(glue: Glue, surface: SurfaceArrays, lead: Matrix, contacts: Co
 
 @kernel
 def fill_approach(contacts: ContactPlanes, velocity: Matrix, resolved: Vector, motions: BodyMotions) -> None:
-    """Fill how fast point and body of each contact come on to each other before a step.
+    """Fill the speed of approach of each contact's point and body before a step.
 
     Args:
         contacts: filled.
         velocity: (n, 3) [m/s], of the nodes.
-        resolved: (bodies,) [m], infinite for bodies that no load moves: of these it stays zero.
+        resolved: (bodies,) [m], infinite for bodies that no load moves: their contacts keep zero.
         motions: of all bodies.
     """
-    body, of = small_vector(6), -1
+    twist, body = small_vector(6), -1
     for e in range(contacts.body.shape[0]):
         if contacts.shape[e] < 0 or not resolved[contacts.body[e]] < np.inf:
             continue
-        if of != contacts.body[e]:
-            of = contacts.body[e]
-            fill_speed(motions, of, body)
+        if body != contacts.body[e]:
+            body = contacts.body[e]
+            fill_speed(motions, body, twist)
         speed = 0.0
         for r in range(3):
-            own = led(body, contacts.anchor[e], r)
+            relative = led(twist, contacts.anchor[e], r)
             for a in range(3):
-                own -= contacts.weights[e, a] * velocity[contacts.nodes[e, a], r]
-            speed += contacts.normal[e, r] * own
+                relative -= contacts.weights[e, a] * velocity[contacts.nodes[e, a], r]
+            speed += contacts.normal[e, r] * relative
         contacts.approach[e] = speed
 
 
 @kernel
-def recall(memory: ContactMemory, shapes: ShapeArrays, contacts: ContactPlanes) -> None:
-    """Give contacts that pressed in the last tick their normal force, and anchor, which rides on its shape.
+def restore_memory(memory: ContactMemory, shapes: ShapeArrays, contacts: ContactPlanes) -> None:
+    """Restore normal force and anchor of contacts that pressed in the last tick; anchors move with the shape.
 
     Args:
         memory: of that tick.
@@ -268,7 +268,7 @@ def recall(memory: ContactMemory, shapes: ShapeArrays, contacts: ContactPlanes) 
         contacts: filled.
     """
     for e in range(contacts.body.shape[0]):
-        found = _place_of(contacts.key[e], memory.key) if contacts.shape[e] >= 0 else -1
+        found = _index_of(contacts.key[e], memory.key) if contacts.shape[e] >= 0 else -1
         if found < 0:
             continue
         g = contacts.shape[e]
@@ -279,54 +279,56 @@ def recall(memory: ContactMemory, shapes: ShapeArrays, contacts: ContactPlanes) 
                 turned += shapes.rotation[g, r, s] * memory.offset[found, s]
             # a feature has moved under the film, whose point there is another one than before: the stretch
             # continues from where it was
-            moved = contacts.carrier[e, r] - memory.place[found, r]
+            moved = contacts.carrier[e, r] - memory.position[found, r]
             before = contacts.carrier[e, r] if contacts.triangle[e] < 0 else contacts.anchor[e, r] + moved
             contacts.anchor[e, r] = turned + before
 
 
 @device_function
-def _add_load(part: float, force: Vector, place: Vector, loads: Vector) -> None:
-    """Add part of a force at a place and its torque about the world's origin."""
+def _add_load(weight: float, force: Vector, point: Vector, loads: Vector) -> None:
+    """Add weight times a force at a point, and its torque about the world's origin."""
     for r in range(3):
         s, q = (r + 1) % 3, (r + 2) % 3
-        loads[r] += part * force[r]
-        loads[3 + r] += part * (place[s] * force[q] - place[q] * force[s])
+        loads[r] += weight * force[r]
+        loads[3 + r] += weight * (point[s] * force[q] - point[q] * force[s])
 
 
 @kernel
-def conclude(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: ContactLoads) -> int:
+def sum_contact_loads(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: ContactLoads) -> int:
     """Fill the loads of contacts on bodies at the end of a step.
 
     Args:
         x: (n, 3) [m], of the nodes then.
         contacts: of the step.
         friction: (g,), coefficients of the shapes.
-        bodies: filled, but for the hit.
+        bodies: filled, without the hit.
 
     Returns:
-        Of how many contacts the law had to be evaluated, as the step's solution has not done it at its end.
+        Number of contacts whose law had to be evaluated here, as the solver did not do it at x.
     """
     evaluated, pressing, size, deepest = 0, 0, 0.0, 0.0
-    bodies.loads[:], bodies.acting[:], bodies.held[:], bodies.pressing[:] = 0.0, 0, 0.0, 0.0
+    bodies.loads[:], bodies.touched[:], bodies.stiffness_trace[:], bodies.normal_force[:] = 0.0, 0, 0.0, 0.0
     bodies.film[:], bodies.figures[:4], bodies.figures[4] = 0.0, 0.0, -1.0
     for e in range(contacts.body.shape[0]):
         evaluated += evaluate_again(x, contacts, e)
-        own, b, distance = contacts.gradient[e], contacts.body[e], contacts.distance[e]
+        force, b, distance = contacts.gradient[e], contacts.body[e], contacts.distance[e]
         slack, push = contacts.friction[e], contacts.normal_force[e]
         if slack == GLUED:
-            size += abs(own[0]) + abs(own[1]) + abs(own[2])
+            size += abs(force[0]) + abs(force[1]) + abs(force[2])
         else:
             slack = friction[contacts.shape[e]] * push
-        bodies.held[b] += resting_stiffness(distance, contacts.stiffness[e], slack, contacts.widths)
-        # a point that has just come off may still rub: friction is bounded by the last tick's normal force
-        if own[0] != 0.0 or own[1] != 0.0 or own[2] != 0.0:
-            bodies.acting[b] = 1
-            _add_load(1.0, own, contacts.point[e], bodies.loads[b])
+        bodies.stiffness_trace[b] += resting_stiffness(
+            distance, contacts.stiffness[e], slack, contacts.widths
+        )
+        # a point that has just separated may still have friction: its bound is the last tick's normal force
+        if force[0] != 0.0 or force[1] != 0.0 or force[2] != 0.0:
+            bodies.touched[b] = 1
+            _add_load(1.0, force, contacts.point[e], bodies.loads[b])
             for a in range(3):
-                _add_load(contacts.weights[e, a], own, x[contacts.nodes[e, a]], bodies.film)
+                _add_load(contacts.weights[e, a], force, x[contacts.nodes[e, a]], bodies.film)
         if push > 0.0:
             bodies.figures[0] += push
-            bodies.pressing[b] += push
+            bodies.normal_force[b] += push
             deepest = -distance if pressing == 0 else max(deepest, -distance)
             pressing += 1
     bodies.figures[1] = deepest
@@ -335,12 +337,12 @@ def conclude(x: Matrix, contacts: ContactPlanes, friction: Vector, bodies: Conta
 
 
 @kernel
-def see_hits(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None:
-    """Take note of the contact that presses whose hit the step resolves least.
+def find_worst_hit(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None:
+    """Fill the hit that the step resolves worst, of the contacts that press.
 
     Args:
         contacts: at the end of the step.
-        resolved: (bodies,) [m], way of a body in a step with which that resolves a hit.
+        resolved: (bodies,) [m], largest motion of a body in a step for which its hits are resolved.
         figures: see `ContactLoads`; the hit is filled.
     """
     for e in range(contacts.body.shape[0]):
@@ -352,15 +354,15 @@ def see_hits(contacts: ContactPlanes, resolved: Vector, figures: Vector) -> None
 
 
 @kernel
-def remember(contacts: ContactPlanes, shapes: ShapeArrays, memory: ContactMemory) -> None:
-    """Fill what the next tick knows of the contacts that press.
+def fill_memory(contacts: ContactPlanes, shapes: ShapeArrays, memory: ContactMemory) -> None:
+    """Fill the memory of the contacts that press, for the next tick.
 
     Args:
         contacts: at the end of the step.
         shapes: of the scene.
         memory: with as many rows as contacts press, filled.
     """
-    stretch, kept, width = small_vector(3), 0, contacts.widths[0]
+    stretch, m, width = small_vector(3), 0, contacts.widths[0]
     for e in range(contacts.body.shape[0]):
         if not contacts.normal_force[e] > 0.0:
             continue
@@ -368,27 +370,27 @@ def remember(contacts: ContactPlanes, shapes: ShapeArrays, memory: ContactMemory
         for r in range(3):
             stretch[r] = point[r] - contacts.anchor[e, r]
         shorten(stretch, contacts.normal[e], contacts.widths[1])
-        memory.key[kept], memory.normal_force[kept] = contacts.key[e], contacts.normal_force[e]
-        memory.triangle[kept] = memory.face[kept] = contacts.triangle[e]
-        if depth_of(contacts.distance[e], width) < width:  # what only brushes an edge may slip off it
-            memory.triangle[kept] = -1
+        memory.key[m], memory.normal_force[m] = contacts.key[e], contacts.normal_force[e]
+        memory.triangle[m] = memory.face[m] = contacts.triangle[e]
+        if depth_of(contacts.distance[e], width) < width:  # a feature that only brushes an edge may slip off
+            memory.triangle[m] = -1
         for r in range(3):
-            memory.place[kept, r], memory.offset[kept, r] = contacts.carrier[e, r], 0.0
+            memory.position[m, r], memory.offset[m, r] = contacts.carrier[e, r], 0.0
             for s in range(3):
                 behind = point[s] - contacts.carrier[e, s] if contacts.triangle[e] < 0 else 0.0
-                memory.offset[kept, r] += shapes.rotation[g, s, r] * (behind - stretch[s])
-        kept += 1
+                memory.offset[m, r] += shapes.rotation[g, s, r] * (behind - stretch[s])
+        m += 1
 
 
 @kernel
 def add_work(contacts: ContactPlanes, before: Matrix, x: Matrix, force: Matrix) -> float:
-    """Return the contacts' work on the film in a step [J], by the mean of forces at its ends; keep the last.
+    """Return the contacts' work on the film in a step [J], by the mean of the forces at start and end.
 
     Args:
-        contacts: at its end.
-        before: (n, 3) [m], nodes at its beginning.
-        x: (n, 3) [m], nodes at its end.
-        force: (n, 3) [N], on the film at its beginning; overwritten with that at its end.
+        contacts: at the end of the step.
+        before: (n, 3) [m], nodes at the start.
+        x: (n, 3) [m], nodes at the end.
+        force: (n, 3) [N], contact forces on the film at the start; overwritten with those at the end.
     """
     work = 0.0
     for i in range(force.shape[0]):
@@ -399,15 +401,15 @@ def add_work(contacts: ContactPlanes, before: Matrix, x: Matrix, force: Matrix) 
         for a in range(3):
             i = contacts.nodes[e, a]
             for r in range(3):
-                share = contacts.weights[e, a] * contacts.gradient[e, r]
-                force[i, r] -= share
-                work -= 0.5 * share * (x[i, r] - before[i, r])
+                push = contacts.weights[e, a] * contacts.gradient[e, r]
+                force[i, r] -= push
+                work -= 0.5 * push * (x[i, r] - before[i, r])
     return work
 
 
 @device_function
 def _about_center(load: Vector, center: Vector, r: int) -> float:
-    """Return component r of a load (6,) about a centre, given about the world's origin."""
+    """Return component r, about a centre, of a load (6,) about the world's origin."""
     if r < 3:
         return load[r]
     i, m = (r + 1) % 3, (r + 2) % 3
@@ -416,19 +418,19 @@ def _about_center(load: Vector, center: Vector, r: int) -> float:
 
 @kernel
 def load_bodies(ends: ContactLoads, loads: BodyLoads, past: Matrix) -> None:
-    """Let the contacts' loads act on bodies, see `Bodies.apply`.
+    """Apply the contacts' loads to bodies, see `Bodies.apply`.
 
     Args:
-        ends: of the step.
+        ends: loads of contacts at the end of the step.
         loads: filled.
-        past: (bodies, 12), see `assume`; moved on.
+        past: (bodies, 12), see `extrapolate_loads`; advanced by one tick.
     """
     for b in range(loads.loaded.shape[0]):
-        if ends.acting[b] or loads.loaded[b]:
+        if ends.touched[b] or loads.loaded[b]:
             for r in range(6):
                 past[b, 6 + r] = past[b, r] if loads.loaded[b] else 0.0
                 past[b, r] = loads.applied[b, r] if loads.loaded[b] else 0.0
-            loads.loaded[b], loads.pressing[b] = ends.acting[b], ends.pressing[b]
+            loads.loaded[b], loads.normal_force[b] = ends.touched[b], ends.normal_force[b]
             for r in range(6):
                 loads.applied[b, r] = _about_center(ends.loads[b], loads.centers[b], r)
     for r in range(8):
@@ -436,16 +438,16 @@ def load_bodies(ends: ContactLoads, loads: BodyLoads, past: Matrix) -> None:
 
 
 @kernel
-def fill_borne(ends: ContactLoads, loads: BodyLoads, borne: Matrix) -> None:
-    """Fill what bodies will bear (bodies, 6) about their centres, as `load_bodies` would have it.
+def fill_next_loads(ends: ContactLoads, loads: BodyLoads, borne: Matrix) -> None:
+    """Fill the loads that `load_bodies` would apply to bodies, about their centres.
 
     Args:
-        ends: of the step.
+        ends: loads of contacts at the end of the step.
         loads: that act now.
-        borne: filled.
+        borne: (bodies, 6), filled.
     """
     for b in range(loads.loaded.shape[0]):
-        touched = ends.acting[b] or loads.loaded[b]
+        touched = ends.touched[b] or loads.loaded[b]
         for r in range(6):
             borne[b, r] = (
                 _about_center(ends.loads[b], loads.centers[b], r) if touched else loads.applied[b, r]
@@ -453,54 +455,60 @@ def fill_borne(ends: ContactLoads, loads: BodyLoads, borne: Matrix) -> None:
 
 
 @kernel
-def disagreement(
-    ends: ContactLoads, loads: BodyLoads, assumed: Matrix, ahead: Indices, gives: Matrix, tolerance: float
+def mismatch(
+    ends: ContactLoads,
+    loads: BodyLoads,
+    assumed: Matrix,
+    ahead: Indices,
+    compliance: Matrix,
+    tolerance: float,
 ) -> float:
-    """Return how far free bodies go from where a step has met them, over what they may; infinite: not known.
+    """Return the largest error of a predicted pose of a free body, relative to its tolerance; inf if unknown.
 
     Args:
-        ends: of the step.
+        ends: loads of contacts at the end of the step.
         loads: that act.
-        assumed: (bodies, 6), loads with which they were met.
-        ahead: (bodies,), 1 for those that were met where they will be.
-        gives: (bodies, 2) [1/N, 1/(N m)], by how much a body goes from where the film has met it for a change
-            of its load in a tick, over what may be.
+        assumed: (bodies, 6), loads for which the poses were predicted.
+        ahead: (bodies,), 1 for bodies with a predicted pose.
+        compliance: (bodies, 2) [1/N, 1/(N m)], change of a body's pose in a tick per change of its load,
+            relative to the tolerance.
         tolerance: of the film's forces [N].
     """
     most = 0.0
     for b in range(loads.loaded.shape[0]):
-        if ahead[b] <= 0 or not (ends.acting[b] or loads.loaded[b]):
+        if ahead[b] <= 0 or not (ends.touched[b] or loads.loaded[b]):
             continue
         force = torque = 0.0
         for r in range(3):
             force += (ends.loads[b, r] - assumed[b, r]) ** 2
             torque += (_about_center(ends.loads[b], loads.centers[b], 3 + r) - assumed[b, 3 + r]) ** 2
         force, torque = math.sqrt(force), math.sqrt(torque)
-        if gives[b, 0] * tolerance > EXACTLY and force + torque > 0.0:  # as where it is not known
+        if compliance[b, 0] * tolerance > EXACTLY and force + torque > 0.0:  # too inexact to decide
             return np.inf
-        most = max(most, gives[b, 0] * force, gives[b, 1] * torque)
+        most = max(most, compliance[b, 0] * force, compliance[b, 1] * torque)
     return most
 
 
 @kernel
-def farthest_led(lead: Matrix, before: Matrix, centers: Matrix, ahead: Indices, lever: float) -> float:
-    """Return how far [m] a body is at most from where it was met.
+def largest_pose_error(lead: Matrix, before: Matrix, centers: Matrix, ahead: Indices, lever: float) -> float:
+    """Return the largest distance [m] between two predicted poses of a body.
 
     Args:
-        lead: (bodies, 6), see `PosePrediction`.
-        before: (bodies, 6), with which they were.
-        centers: (bodies, 3) [m], of their masses.
-        ahead: (bodies,), 1 for those that count.
-        lever: at which angles count as ways [m].
+        lead: (bodies, 6), displacements, see `PosePrediction`.
+        before: (bodies, 6), displacements for which contacts were computed.
+        centers: (bodies, 3) [m], of the masses.
+        ahead: (bodies,), 1 for bodies with a predicted pose.
+        lever: length by which angles are converted to distances [m].
     """
-    away, way = 0.0, small_vector(6)
+    largest, difference = 0.0, small_vector(6)
     for b in range(ahead.shape[0]):
         if ahead[b] > 0:
             for r in range(6):
-                way[r] = lead[b, r] - before[b, r]
+                difference[r] = lead[b, r] - before[b, r]
             for r in range(3):
-                away = max(away, abs(led(way, centers[b], r)), lever * abs(way[3 + r]))
-    return away
+                turn = lever * abs(difference[3 + r])
+                largest = max(largest, abs(led(difference, centers[b], r)), turn)
+    return largest
 
 
 @kernel
@@ -512,17 +520,19 @@ def fastest_touched(
     x: Matrix,
     velocity: Matrix,
 ) -> float:
-    """Return how fast [m/s] the film comes on to bodies that can move, or loaded ones move on the flange.
+    """Return the largest speed [m/s] at which the film approaches movable bodies.
+
+    The speed of loaded bodies relative to the flange counts as well.
 
     Args:
         planes: of the last step.
         motions: of all bodies.
-        movable: (f,) bodies that can.
-        loaded: (bodies,), 1 for those that bear a load of contact.
+        movable: (f,) bodies that loads can move.
+        loaded: (bodies,), 1 for bodies with a contact load.
         x: (n, 3) [m], after a step.
         velocity: (n, 3) [m/s], then.
     """
-    flange, body, point, own, most = small_vector(6), small_vector(6), small_vector(3), small_vector(3), 0.0
+    flange, body, point, film, most = small_vector(6), small_vector(6), small_vector(3), small_vector(3), 0.0
     fill_speed(motions, motions.flange, flange)
     for f in range(movable.shape[0]):
         b = movable[f]
@@ -531,15 +541,15 @@ def fastest_touched(
             if planes.body[e] != b:
                 continue
             for r in range(3):
-                point[r] = own[r] = 0.0
+                point[r] = film[r] = 0.0
                 for a in range(3):
                     weight, node = planes.weights[e, a], planes.nodes[e, a]
                     point[r] += weight * x[node, r]
-                    own[r] += weight * velocity[node, r]
+                    film[r] += weight * velocity[node, r]
             approach, square = 0.0, 0.0
             for r in range(3):
                 speed = led(body, point, r)
-                approach -= planes.normal[e, r] * (own[r] - speed)
+                approach -= planes.normal[e, r] * (film[r] - speed)
                 square += (speed - led(flange, point, r)) ** 2
             most = max(most, approach, math.sqrt(square) if loaded[b] else 0.0)
     return most

@@ -1,4 +1,4 @@
-"""What the contacts of the film with the scene did in a tick, and what they carry to the next one."""
+"""Result of a tick's contacts between film and scene: the report, and the memory for the next tick."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final, NamedTuple, final
@@ -14,25 +14,25 @@ class ContactMemory(NamedTuple):
     """The contacts that pressed at the end of a tick.
 
     Args:
-        key: (k,) ascending; names the pair of contact point and shape.
+        key: (k,) ascending; identifies the pair of contact point and shape.
         normal_force: (k,) [N].
-        offset: (k, 3) [m], shape frame: from where the shape carries the point to the anchor.
-        place: (k, 3) [m], world: for features, where they were; for points of the film, not used.
+        offset: (k, 3) [m], shape frame: from the point that the shape carries to the anchor.
+        position: (k, 3) [m], world, of features; not used for points of the film.
         triangle: (k,) of the film, that held a feature back; -1 for points of the film, and for features
             that it only brushed, no deeper than the law's transition.
-        face: (k,) of the film, on which a feature pressed, brushed ones as well; -1 for points of the film.
+        face: (k,) triangle of the film on which a feature pressed or brushed; -1 for points of the film.
     """
 
     key: Annotated[IntArray, ("k",), INDICES]
     normal_force: Annotated[Array, ("k",), VECTOR]
     offset: Annotated[Array, ("k", 3), MATRIX]
-    place: Annotated[Array, ("k", 3), MATRIX]
+    position: Annotated[Array, ("k", 3), MATRIX]
     triangle: Annotated[IntArray, ("k",), INDICES]
     face: Annotated[IntArray, ("k",), INDICES]
 
     @classmethod
-    def room(cls, count: int) -> "ContactMemory":
-        """Return room for so many."""
+    def empty(cls, count: int) -> "ContactMemory":
+        """Return an allocated memory of `count` contacts."""
         key, triangle, face = (np.zeros(count, np.int64) for _ in range(3))
         return cls(key, np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)), triangle, face)
 
@@ -40,7 +40,7 @@ class ContactMemory(NamedTuple):
 @final
 @dataclass(frozen=True)
 class ContactReport:
-    """What the contacts of one tick did.
+    """Loads, depth and work of the contacts of one tick.
 
     Args:
         bodies: (b,) touched bodies.
@@ -50,9 +50,9 @@ class ContactReport:
         normal_force_N: sum over them.
         depth_m: of the deepest.
         work_J: on the film.
-        hit_m_s: speed of the hit that the step resolves least.
-        hit_way_m: way of its body that a step may take.
-        hit_body: of it; -1 for no hit.
+        hit_m_s: speed of the hit that the step resolves worst.
+        hit_way_m: motion of its body per step for which the hit would be resolved.
+        hit_body: its body; -1 for no hit.
     """
 
     bodies: Annotated[IntArray, ("b",)]
@@ -69,17 +69,17 @@ class ContactReport:
     @classmethod
     def of(cls, planes: ContactPlanes) -> "ContactReport":
         """Return the report of contacts, with the law evaluated at the end of the tick."""
-        # a point that has just come off may still rub: friction is bounded by the last tick's normal force
+        # a point that has just separated may still have friction: its bound is the last tick's normal force
         acting = np.abs(planes.gradient).max(axis=1) > 0.0
         point, force = planes.point[acting], planes.gradient[acting]
-        bodies, place = np.unique(planes.body[acting], return_inverse=True)
+        bodies, index = np.unique(planes.body[acting], return_inverse=True)
         total, torque = np.zeros((len(bodies), 3)), np.zeros((len(bodies), 3))
-        np.add.at(total, place, force)
-        np.add.at(torque, place, np.cross(point, force))
+        np.add.at(total, index, force)
+        np.add.at(torque, index, np.cross(point, force))
         return cls(bodies, total, torque, planes.pressing, float(planes.normal_force.sum()), planes.depth_m)
 
     def on_each(self, bodies: int) -> Array:
-        """Return the force on each of so many bodies (bodies, 3) [N], world axes."""
+        """Return the force on each of the scene's bodies (bodies, 3) [N], world axes."""
         forces = np.zeros((bodies, 3))
         forces[self.bodies] = self.force
         return forces

@@ -1,4 +1,4 @@
-"""How contacts with bodies go with them, and how stiff they are, film and film inertia included."""
+"""Lever arms of contacts with bodies, and the contacts' stiffness in series with film and film inertia."""
 
 from dataclasses import dataclass
 from typing import Protocol, final
@@ -6,18 +6,18 @@ from typing import Protocol, final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, cross
-from cosim.coupling.robots.soft_robot import SoftReply
+from cosim.coupling.robots.soft_step import SoftReply
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.state import SoftState, StepAccuracy
 
 
 def rigid_motions(points: Array, origins: Array) -> Array:
-    """Return how points (k, 3) [m] move (k, 3, 6) with translation and rotation about origins: [1, -S(arm)].
+    """Return the Jacobians [1, -S(arm)] (k, 3, 6) of points (k, 3) [m] by translation and rotation of a body.
 
     Args:
         points: (k, 3) [m].
-        origins: (3,) [m], of all, or (k, 3), of each.
+        origins: (3,) [m], centre of rotation of all points, or (k, 3), of each.
     """
     motion = np.zeros((len(points), 3, 6))
     motion[:, :, :3] = np.eye(3)
@@ -29,14 +29,14 @@ def rigid_motions(points: Array, origins: Array) -> Array:
 
 
 class SoftStepper(Protocol):
-    """What gives way to forces on its nodes within a tick: the soft side."""
+    """The soft robot as contact sees it: steps, and its response to forces on nodes within a step."""
 
     @property
     def state(self) -> SoftState:
         """State after the newest step."""
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
-        """Return (m, n, 3) [m] under forces (m, n, 3) [N]; None where the tangent is indefinite."""
+        """Return displacements (m, n, 3) [m] by forces (m, n, 3) [N]; None if the tangent is indefinite."""
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step."""
@@ -44,7 +44,7 @@ class SoftStepper(Protocol):
     def advance_accurately(
         self, world_from_flange: Pose, loads: Loads, step_s: float, accuracy: StepAccuracy
     ) -> SoftReply:
-        """Advance by one step, as closely as asked for."""
+        """Advance by one step to a given accuracy."""
 
     def restore(self, before: SoftState) -> None:
         """Undo the last step."""
@@ -53,78 +53,78 @@ class SoftStepper(Protocol):
 @final
 @dataclass(frozen=True)
 class Levers:
-    """How the contacts with some bodies go with them; the arms stay what they are in a tick.
+    """Lever arms of the contacts with some bodies; constant within a tick.
 
     Args:
-        mine: (k,) those contacts.
-        place: (k,) of each contact's body among the b bodies.
+        contacts: (k,) indices of those contacts.
+        body: (k,) index of each contact's body among the b bodies.
         arm: (k, 3) [m], from the centre of mass, world axes.
         count: b.
     """
 
-    mine: IntArray
-    place: IntArray
+    contacts: IntArray
+    body: IntArray
     arm: Array
     count: int
 
     @classmethod
     def of(cls, planes: ContactPlanes, bodies: IntArray, centers: Array, positions: Array) -> "Levers":
-        """Return those of contacts with bodies (b,), ascending.
+        """Return the lever arms of the contacts with bodies (b,), ascending.
 
         Args:
-            planes: contacts.
+            planes: all contacts.
             bodies: (b,).
             centers: (b, 3) [m], of their masses.
             positions: (n, 3) [m], of the nodes.
         """
-        mine = np.flatnonzero(np.isin(planes.body, bodies))
-        place = np.searchsorted(bodies, planes.body[mine])
-        points = np.einsum("ka,kar->kr", planes.weights[mine], positions[planes.nodes[mine]])
-        return cls(mine, place, points - centers[place], len(bodies))
+        contacts = np.flatnonzero(np.isin(planes.body, bodies))
+        body = np.searchsorted(bodies, planes.body[contacts])
+        points = np.einsum("ka,kar->kr", planes.weights[contacts], positions[planes.nodes[contacts]])
+        return cls(contacts, body, points - centers[body], len(bodies))
 
     def loads(self, force: Array) -> Array:
         """Return the loads (6 b,) of forces (k, 3) [N] at the contacts, about the centres of mass."""
         loads = np.zeros((self.count, 6))
-        np.add.at(loads, self.place, np.concatenate([force, cross(self.arm, force)], axis=1))
+        np.add.at(loads, self.body, np.concatenate([force, cross(self.arm, force)], axis=1))
         return loads.ravel()
 
     def shift(self, motion: Array) -> Array:
-        """Return by how much the contacts go (k, 3) [m] with a motion (b, 6) of the bodies."""
-        return np.asarray(motion[self.place, :3] + cross(motion[self.place, 3:], self.arm))
+        """Return the displacements (k, 3) [m] of the contacts by a motion (b, 6) of the bodies."""
+        return np.asarray(motion[self.body, :3] + cross(motion[self.body, 3:], self.arm))
 
     def stiffness(
         self, planes: ContactPlanes, tangents: Array, soft: SoftStepper | None, tick_s: float
     ) -> Array:
         """Return S = G^T (K - K W H^-1 W^T K) G (6 b, 6 b): change of contact loads per motion of the bodies.
 
-        G moves the contact points with the bodies, K are the contacts' tangents, W^T spreads forces to the
-        nodes, H is the tangent of the film's time step.
+        G is the Jacobian of the contact points by the bodies' motion, K are the contacts' tangents, W^T
+        spreads forces to the nodes, H is the tangent of the film's time step.
 
         Args:
-            planes: contacts.
+            planes: all contacts.
             tangents: K (k, 3, 3) [N/m], of all contacts.
-            soft: soft side, after its step; None for one that stays where it is.
+            soft: soft robot after its step; None for a rigid film.
             tick_s: length of the step [s].
         """
-        pressed = np.flatnonzero(np.abs(tangents[self.mine]).max(axis=(1, 2)) > 0.0)
+        pressed = np.flatnonzero(np.abs(tangents[self.contacts]).max(axis=(1, 2)) > 0.0)
         stiffness = np.zeros((6 * self.count, 6 * self.count))
         if not len(pressed):
             return stiffness
-        mine, place = self.mine[pressed], self.place[pressed]
-        touched = np.unique(place)
-        moved = np.zeros((len(mine), 3, len(touched), 6))  # the points with their body
+        contacts, body = self.contacts[pressed], self.body[pressed]
+        touched = np.unique(body)
+        moved = np.zeros((len(contacts), 3, len(touched), 6))
         arms = rigid_motions(self.arm[pressed], np.zeros(3))
-        moved[np.arange(len(mine)), :, np.searchsorted(touched, place)] = arms
-        motion = moved.reshape(len(mine), 3, 6 * len(touched))
-        push = np.einsum("krs,ksj->krj", tangents[mine], motion)
-        own = np.einsum("kri,krj->ij", motion, push)
+        moved[np.arange(len(contacts)), :, np.searchsorted(touched, body)] = arms
+        jacobian = moved.reshape(len(contacts), 3, 6 * len(touched))
+        push = np.einsum("krs,ksj->krj", tangents[contacts], jacobian)
+        series = np.einsum("kri,krj->ij", jacobian, push)
         if soft is not None:
-            forces = spread(planes.nodes[mine], planes.weights[mine], push, len(soft.state.positions))
-            following = soft.response(forces, planes, tick_s)
-            if following is not None:
-                own -= np.einsum("inr,jnr->ij", forces, following)
+            forces = spread(planes.nodes[contacts], planes.weights[contacts], push, len(soft.state.positions))
+            displacements = soft.response(forces, planes, tick_s)
+            if displacements is not None:
+                series -= np.einsum("inr,jnr->ij", forces, displacements)
         columns = (6 * touched[:, None] + np.arange(6)).ravel()
-        stiffness[np.ix_(columns, columns)] = own
+        stiffness[np.ix_(columns, columns)] = series
         return stiffness
 
 
@@ -132,8 +132,8 @@ def spread(nodes: IntArray, weights: Array, push: Array, count: int) -> Array:
     """Return forces (j, n, 3) [N] on nodes from forces at contact points.
 
     Args:
-        nodes: (k, 3) that each point combines.
-        weights: (k, 3).
+        nodes: (k, 3), of each point's triangle.
+        weights: (k, 3), barycentric.
         push: (k, 3, j) [N], j cases.
         count: n.
     """

@@ -1,1 +1,1 @@
-"""What may represent the soft body in the exchange: the film, a section model, a frozen shape."""
+"""Models of the soft robot on the flange: film, reduced beam model, frozen shape."""

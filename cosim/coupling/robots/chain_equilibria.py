@@ -1,4 +1,4 @@
-"""Equilibria of a chain of frames on a flange, followed from known ones."""
+"""Equilibria of a chain of frames on a flange, by continuation from known ones."""
 
 from dataclasses import replace
 from typing import final
@@ -28,7 +28,7 @@ _SPLITS_MAX = 8
 class ChainEquilibria:
     """Follows equilibria of one chain.
 
-    `obstacles` says what the film may touch; None for what the loads name.
+    `obstacles` returns the possible contacts; None to use those in the loads.
 
     Args:
         section: the chain.
@@ -41,18 +41,18 @@ class ChainEquilibria:
         self.obstacles: Obstacles | None = None
 
     def start(self, clamp: FrameClamp, flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the equilibrium of a chain hung up without pressure, then loaded.
+        """Return the equilibrium of a chain, first without pressure, then loaded.
 
-        Where films without gas do not hold themselves up, it hangs from the flange with gas, then leans.
+        If films without gas are unstable, the first equilibrium is with gas and gravity along the axis.
 
         Raises:
             ConvergenceError: none was found.
-            OutOfRangeError: because the model ends before.
+            OutOfRangeError: none within the model's range.
         """
         slack = (0.0,) * len(self._section.body.cables)
         hanging = Loads((), slack, loads.gravity)
         try:
-            # as drawn, the films lie on each other, where a section has no stiffness to start from
+            # as drawn, the films are in contact, where a section has no stiffness to start from
             hung = self.solve(self._straight(0.0, flange), clamp, flange, hanging)
             return self.follow(hung, clamp, flange, loads)
         except ConvergenceError:
@@ -74,14 +74,14 @@ class ChainEquilibria:
     def solve(
         self, frames: Array, clamp: FrameClamp, flange: Pose, loads: Loads, begin_Pa: float = 0.0
     ) -> Equilibrium:
-        """Return the equilibrium near frames (f, 4, 3); a sealed gas' pressure is sought from begin_Pa on.
+        """Return the equilibrium near frames (f, 4, 3); begin_Pa is the guess for a sealed gas' pressure.
 
         Raises:
             ConvergenceError: none was found.
-            OutOfRangeError: because the model ends before, or at a pressure beyond its range.
+            OutOfRangeError: none within the model's range, or at a pressure beyond it.
         """
         options = self._options
-        found, loads = self._settle_contacts(clamp.place(frames, flange), clamp, loads, begin_Pa)
+        found, loads = self._solve_contacts(clamp.place(frames, flange), clamp, loads, begin_Pa)
         spent = found.residual_N, found.iterations
         if found.outcome is not Outcome.CONVERGED:
             end = place_in_range(self._section, found.frames, found.pressure_Pa)
@@ -108,13 +108,13 @@ class ChainEquilibria:
             negative_pivots=resting.negative_pivots,
         )
 
-    def _settle_contacts(
+    def _solve_contacts(
         self, start: Array, clamp: FrameClamp, loads: Loads, begin_Pa: float
     ) -> tuple[ChainStep, Loads]:
-        """Solve, and repeat while something else is touched than what was found before the solution.
+        """Solve, and repeat while the contacts at the solution differ from those it was solved with.
 
         Returns:
-            The solution, and the loads with the contacts it was found with.
+            The solution, and the loads with its contacts.
         """
         trail = list[Array]()
         options, lever = self._options, self._solver.lever_m
@@ -134,7 +134,7 @@ class ChainEquilibria:
             trail.append(found.frames.reshape(-1, 3))
             start = upright(end_of(trail).reshape(start.shape))
         raise ConvergenceError(
-            f"no equilibrium found: the touched places still change after {CONTACT_ROUNDS_MAX} rounds, "
+            f"no equilibrium found: the contacts still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(loads.contact or ())} points near obstacles; try smaller increments",
             found.residual_N,
             spent,
@@ -143,23 +143,23 @@ class ChainEquilibria:
     def follow(
         self, begin: Equilibrium, clamp: FrameClamp, flange: Pose, loads: Loads, pressure_Pa: float = 0.0
     ) -> Equilibrium:
-        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+        """Follow an equilibrium to another flange pose and other loads, in load steps that halve as needed.
 
         Args:
-            begin: where to start.
+            begin: start.
             clamp: frames held by the flange.
-            flange: wanted pose of it.
-            loads: wanted loads.
-            pressure_Pa: of sealed gas in a beginning that these films have forgotten, or did not make.
+            flange: pose of the flange at the end.
+            loads: at the end.
+            pressure_Pa: guess of the sealed gas' pressure at the start.
 
         Raises:
-            ConvergenceError: a piece of 1/256 of the way did not converge.
+            ConvergenceError: a load step of 1/256 did not converge.
         """
         if self._section.gas(begin.loads) is None:
             pressure_Pa = self._section.pressure(begin.loads)
-        here, done, piece, spent = begin, 0.0, 1.0, 0
+        here, done, load_step, spent = begin, 0.0, 1.0, 0
         while done < 1.0:
-            load_factor = min(1.0, done + piece)
+            load_factor = min(1.0, done + load_step)
             pose = begin.world_from_flange.interpolated(flange, load_factor)
             motion = pose @ here.world_from_flange.inverse()
             chain = chain_of(self._section, here.state, here.world_from_flange, pressure_Pa)
@@ -169,8 +169,8 @@ class ChainEquilibria:
             try:
                 found = self.solve(carried(frames, motion), clamp, pose, load, chain.pressure_Pa)
             except ConvergenceError as error:
-                spent, piece = spent + error.iterations, 0.5 * piece
-                if piece < 0.5**_SPLITS_MAX:
+                spent, load_step = spent + error.iterations, 0.5 * load_step
+                if load_step < 0.5**_SPLITS_MAX:
                     raise
                 continue
             here, done, spent = found, load_factor, spent + found.iterations

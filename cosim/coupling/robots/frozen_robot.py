@@ -1,4 +1,4 @@
-"""The soft side that does not deform: the flange feels its weight, inertia and contacts, nothing else."""
+"""The soft robot with a frozen shape: the flange feels its weight, inertia and contacts only."""
 
 from dataclasses import dataclass
 from typing import final
@@ -6,8 +6,10 @@ from typing import final
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, Pose, Wrench, cross
+from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.coupling.robots.shape_reader import MeshReader
-from cosim.coupling.robots.soft_robot import MassProperties, SoftReply, SoftRobot
+from cosim.coupling.robots.soft_robot import SoftRobot
+from cosim.coupling.robots.soft_step import SoftReply
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
@@ -20,15 +22,15 @@ from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 @final
 @dataclass(frozen=True)
 class FrozenRobotState:
-    """What the next step of a frozen body depends on.
+    """State of a `FrozenRobot`.
 
     Args:
-        soft: where the nodes are, and how they move.
-        shape: (n, 3) [m], that is kept, flange frame.
+        soft: positions and velocities of the nodes.
+        shape: (n, 3) [m], the frozen shape, flange frame.
         volumes_m3: of its chambers.
         pressures_Pa: gauge, of its chambers in the last step.
-        flange: pose of the flange at its end.
-        supplied: (n, 3) [N], by the flange to each node.
+        flange: pose of the flange at the end of the last step.
+        supplied: (n, 3) [N], force of the flange on each node.
     """
 
     soft: SoftState
@@ -41,15 +43,15 @@ class FrozenRobotState:
 
 @final
 class FrozenRobot(SoftRobot):
-    """A soft body that keeps the shape of its start; every node moves with the flange.
+    """A soft body that keeps its shape at the start; every node moves with the flange.
 
-    What the flange supplies to node i, accelerations by backward differences (implicit Euler; the answer of
-    BDF2 to the flange's motion of the last tick is four times as large, which the exchange would not bear):
-    r_i = m_i (a_i + beta v_i - g) - f_i; the wrench is -(sum r_i, sum (x_i - o) x r_i). Gas and cables are
-    forces within the body and have no part in it.
+    The force of the flange on node i is r_i = m_i (a_i + beta v_i - g) - f_i, and the wrench on the flange
+    -(sum r_i, sum (x_i - o) x r_i). Accelerations are backward differences, as in implicit Euler; the
+    reaction of BDF2 to the flange's last motion is four times as large, which would make the exchange
+    unstable. Gas and cables are internal forces and do not appear.
 
     Args:
-        flexible: the same body with its elasticity; it finds the shape of the start.
+        flexible: the same body with its elasticity, which finds the shape at the start.
         air_drag_per_s: beta [1/s].
     """
 
@@ -58,19 +60,19 @@ class FrozenRobot(SoftRobot):
         self._flexible, self._drag = flexible, air_drag_per_s
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)
-        self._keep(self.body.positions, flexible.volumes_m3)
+        self._set_shape(self.body.positions, flexible.volumes_m3)
 
-    def _keep(self, shape: Array, volumes_m3: tuple[float, ...]) -> None:
-        """Keep a shape (n, 3) [m], flange frame."""
+    def _set_shape(self, shape: Array, volumes_m3: tuple[float, ...]) -> None:
+        """Set the frozen shape (n, 3) [m], flange frame."""
         self._shape, self._volumes = shape, volumes_m3
         self._mass = MassProperties.of(self.body.node_mass, shape)
 
     def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
-        """Return the flexible body's equilibrium before the first phase; its shape is kept from here on."""
+        """Return the flexible body's equilibrium before the first phase, and freeze its shape."""
         found = self._flexible.start(world_from_flange, loads)
         self._flexible.commit(found)
         shape = found.world_from_flange.inverse().apply(found.state.positions)
-        self._keep(shape, self._flexible.volumes_m3)
+        self._set_shape(shape, self._flexible.volumes_m3)
         return self.follow(found, world_from_flange, loads)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
@@ -79,11 +81,11 @@ class FrozenRobot(SoftRobot):
         v = (x - before.positions) / step_s
         acceleration = (v - before.velocities) / step_s + self._drag * v
         self.state = SoftState(x, v, before.memory)
-        self._take(world_from_flange, loads, acceleration)
+        self._set_supply(world_from_flange, loads, acceleration)
         return SoftReply(self._wrench(x), 0.0, 0)
 
-    def _take(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
-        """Find what the flange supplies to the nodes at their acceleration (n, 3) [m/s^2]."""
+    def _set_supply(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
+        """Compute the forces of the flange on the nodes at their acceleration (n, 3) [m/s^2]."""
         self._flange = flange
         self._pressures = loads.pressures_at(self._volumes)
         self._supplied = self.body.node_mass[:, None] * (acceleration - np.array(loads.gravity))
@@ -100,9 +102,9 @@ class FrozenRobot(SoftRobot):
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
-        """Return the kept shape at a pose of the flange; there is nothing to solve."""
+        """Return the frozen shape at a pose of the flange; there is nothing to solve."""
         x = np.ascontiguousarray(world_from_flange.apply(self._shape))
-        self._take(world_from_flange, loads, np.zeros(3))
+        self._set_supply(world_from_flange, loads, np.zeros(3))
         potential = -float(self.body.node_mass @ x @ np.array(loads.gravity))
         return Equilibrium(
             SoftState.at_rest(x, state.memory),
@@ -116,27 +118,27 @@ class FrozenRobot(SoftRobot):
         )
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the kept shape at a pose of the flange; there is nothing to follow."""
+        """Return the frozen shape at a pose of the flange; there is nothing to follow."""
         return self.solve(begin.state, world_from_flange, loads)
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
-        """Refuse: a frozen body does not answer to its cables."""
+        """Refuse: cables do not move a frozen body."""
         raise InputError("cables do not move a frozen body; plan its tip targets on the flexible one")
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
     ) -> Equilibrium:
-        """Refuse: the tip of a frozen body is not where the target asks the sagging one to be."""
+        """Refuse: targets are for the tip of the sagging body."""
         raise InputError("a frozen body does not sag; plan its tip targets on the flexible one")
 
     def commit(self, found: Equilibrium) -> None:
-        """Take over an equilibrium as the present state."""
+        """Make an equilibrium the present state."""
         self.state = found.state
-        self._take(found.world_from_flange, found.loads, np.zeros(3))
+        self._set_supply(found.world_from_flange, found.loads, np.zeros(3))
 
     @property
     def full_state(self) -> FrozenRobotState:
-        """All that the next step depends on."""
+        """The whole state."""
         return FrozenRobotState(
             self.state, self._shape, self._volumes, self._pressures, self._flange, self._supplied
         )
@@ -145,7 +147,7 @@ class FrozenRobot(SoftRobot):
     def full_state(self, state: FrozenRobotState) -> None:
         if len(state.shape) != self.body.nodes:
             raise InputError(f"the saved soft robot has {len(state.shape)} nodes, this one {self.body.nodes}")
-        self._keep(state.shape, state.volumes_m3)
+        self._set_shape(state.shape, state.volumes_m3)
         self.state, self._pressures = state.soft, state.pressures_Pa
         self._flange, self._supplied = state.flange, state.supplied
 
@@ -160,29 +162,29 @@ class FrozenRobot(SoftRobot):
         return self._flexible.contact_surface()
 
     def response(self, forces: Array, contact: ContactPlanes | None, step_s: float) -> Array | None:
-        """Return zeros (k, n, 3): the nodes go where the flange goes."""
+        """Return zeros (k, n, 3): the nodes move with the flange only."""
         return np.zeros_like(forces)
 
     def inertia_weight(self, step_s: float) -> float:
-        """Return c [1/s^2]: a motion X of the nodes in a step meets the inertia c m X."""
+        """Return c [1/s^2], the inertia of nodes in a step: c m X for a motion X."""
         return inertia_weight(step_s, self._drag)
 
     def supplied_work(self, displacement: Array) -> float:
-        """Return the work [J] of what the flange supplies at the last solution, over a displacement."""
+        """Return the work [J] of the flange's reactions at the last solution over a displacement."""
         return float(np.einsum("nr,nr->", self._supplied, displacement))
 
     def shape_reader(self) -> MeshReader:
-        """Return what reads nodes; the volumes are those of the kept shape."""
+        """Return a reader of nodal positions; the volumes are those of the frozen shape."""
         return MeshReader(self.body, lambda shapes: np.tile(self._volumes, (len(shapes), 1)))
 
     @property
     def volumes_m3(self) -> tuple[float, ...]:
-        """Volume inside film and caps of each chamber of the kept shape."""
+        """Volume inside film and caps of each chamber of the frozen shape."""
         return self._volumes
 
     @property
     def pressures_Pa(self) -> tuple[float, ...]:
-        """Gauge pressure in each chamber: the given one, or that of the sealed gas, whose volume stays."""
+        """Gauge pressure in each chamber: commanded, or that of the sealed gas, of constant volume."""
         return self._pressures
 
     def mass_properties(self) -> MassProperties:

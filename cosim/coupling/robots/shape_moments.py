@@ -1,4 +1,4 @@
-"""Few numbers of a film's shape, from which the shares of its slow modes can be read at any time later."""
+"""Moments of a film's shape: few numbers from which amplitudes of slow modes can be computed later."""
 
 from typing import Final, final
 
@@ -7,7 +7,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.soft.body.body import SoftBody
 
-_POWERS: Final = 8  # of the height: of long stacks more see no more of the modes
+_POWERS: Final = 8  # of the height: more do not resolve the modes of long stacks better
 
 
 @final
@@ -15,12 +15,10 @@ class ShapeMoments:
     """Sums functions f_j of the nodes: moment j of a shape x is sum_i f_j(i) m_i^1/2 x_i.
 
     The functions are Legendre polynomials of the drawn height, alone and times both coordinates across it,
-    each times m_i^1/2, made orthonormal.
-
-    Attribute `along`: (m, n) [kg^1/2], what the nodes' positions are multiplied with.
+    each times m_i^1/2, made orthonormal. Attribute `along` (m, n) [kg^1/2] holds the weights of positions.
 
     Args:
-        body: whose shapes.
+        body: mesh of the shapes.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -32,5 +30,5 @@ class ShapeMoments:
 
     def of(self, shapes: Array) -> Array:
         """Return the moments (k, m, 3) [kg^1/2 m] of shapes (k, n, 3) [m]."""
-        columns = np.moveaxis(shapes, 2, 0).reshape(-1, shapes.shape[1])  # one product for all of them
+        columns = np.moveaxis(shapes, 2, 0).reshape(-1, shapes.shape[1])  # for a single product
         return np.ascontiguousarray(np.moveaxis((columns @ self.along.T).reshape(3, len(shapes), -1), 0, 2))

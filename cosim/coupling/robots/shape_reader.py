@@ -1,4 +1,4 @@
-"""Reads the shapes that a soft side has kept: nodes, figures, moments; many at once."""
+"""Readers of recorded shapes of a soft robot: nodes, figures and moments of many shapes at once."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ def figures_at(points: Array, nodes: int, volumes_m3: Array) -> ShapeFigures:
 
 
 def centers_of(rings: Array) -> Array:
-    """Return the mean (k, 3) of the nodes of rings (k, n, 3), added up one after the other."""
+    """Return the mean (k, 3) of the nodes of rings (k, n, 3), summed in order."""
     total = rings[:, 0].copy()
     for node in range(1, rings.shape[1]):
         total += rings[:, node]
@@ -39,7 +39,7 @@ def centers_of(rings: Array) -> Array:
 
 
 class ShapeReader(ABC):
-    """Reads the shapes that a soft side has kept with `SoftRobot.current_shape`."""
+    """Reads shapes that `SoftRobot.current_shape` has returned."""
 
     @abstractmethod
     def positions(self, shape: Any) -> Array:
@@ -47,18 +47,18 @@ class ShapeReader(ABC):
 
     @abstractmethod
     def films(self, shapes: Sequence[Any]) -> Array:
-        """Return the film's nodes (k, n, 3) [m] of some shapes, at least one."""
+        """Return the film's nodes (k, n, 3) [m] of k shapes, at least one."""
 
     @abstractmethod
     def figures(self, shapes: Sequence[Any]) -> ShapeFigures:
-        """Return the figures of some shapes, at least one."""
+        """Return the figures of k shapes, at least one."""
 
     @abstractmethod
     def tips(self, shapes: Sequence[Any]) -> Array:
-        """Return the tips (k, 3) [m] of some shapes, at least one: those of the figures, read alone."""
+        """Return the tip positions (k, 3) [m] of k shapes, at least one, without other figures."""
 
     def moments(self, shapes: Sequence[Any]) -> Array:
-        """Return the moments (k, m, 3) [kg^1/2 m] of some shapes, see `ShapeMoments`; m = 0: none are known.
+        """Return the moments (k, m, 3) [kg^1/2 m] of k shapes, see `ShapeMoments`; m = 0 if not available.
 
         Args:
             shapes: at least one.
@@ -68,11 +68,11 @@ class ShapeReader(ABC):
 
 @final
 class MeshReader(ShapeReader):
-    """Reads shapes that are the film's nodes.
+    """Reads shapes that are arrays of the film's nodes.
 
     Args:
-        body: whose.
-        volumes: returns the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m].
+        body: mesh.
+        volumes: shapes (k, n, 3) [m] -> volume (k, chambers) [m^3] of each chamber.
     """
 
     def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
@@ -85,7 +85,7 @@ class MeshReader(ShapeReader):
         return shape
 
     def films(self, shapes: Sequence[Array]) -> Array:
-        """Return the shapes one after the other."""
+        """Return the shapes as one array."""
         return np.concatenate(shapes).reshape(len(shapes), -1, 3)
 
     def figures(self, shapes: Sequence[Array]) -> ShapeFigures:
@@ -93,12 +93,12 @@ class MeshReader(ShapeReader):
         films = self.films(shapes)
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
-        found = figures_at(points, tip.shape[1], self._volumes(films))
+        figures = figures_at(points, tip.shape[1], self._volumes(films))
         if self._tip_way is None:
-            return found
+            return figures
         nodes, weights = self._tip_way
         way = np.einsum("n,knr->kr", weights, films.take(nodes, axis=1))
-        return replace(found, tip_direction=way / np.linalg.norm(way, axis=1, keepdims=True))
+        return replace(figures, tip_direction=way / np.linalg.norm(way, axis=1, keepdims=True))
 
     def tips(self, shapes: Sequence[Array]) -> Array:
         """Return the tips; see `ShapeReader.tips`."""

@@ -1,1 +1,1 @@
-"""How both sides are brought to agree: staggered, iterated, or by what the masses ask for."""
+"""Exchange schemes between arm and soft robot: staggered with algorithmic mass, and iterated."""

@@ -1,26 +1,24 @@
-"""The algorithmic mass: what the joints carry of a soft side that is heavy for the flange.
+"""The algorithmic mass: inertia that the arm's joints carry for a soft robot that is heavy for the flange.
 
-What is carried: a small motion xi of the flange takes the film along rigidly, which strains nothing, but the
-film lags behind by X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes m, c the
-weight of inertia in the step's scheme. Within the tick the wrench on the flange changes by
--c E^T m (E - X) xi; in a slow motion it ends up changed by -c E^T m E xi, as that of a rigid body. Carried:
+A small motion xi of the flange carries the film rigidly, without strain, but the film lags behind by
+X = K^-1 c m E xi: K the tangent of the step, E the rigid motions of the nodes of mass m, c the weight of
+inertia in the step's scheme. Within the tick the wrench on the flange changes by -c E^T m (E - X) xi; in a
+slow motion it changes by -c E^T m E xi, as for a rigid body. The carried mass is
 
     M_a = s_0 (E^T m E - (1 - b) E^T m X),    b = min(1, 1 / r^2),
 
-r the stability ratio, s_0 = c h^2 the first of `reaction_weights`. The whole mass, b = 1, leaves slow motions
-as they are, but under a soft film that is heavy (r above 1.5, implicit Euler) the motion grows weakly. Under
-that of the tick, b = 0, it does not up to r = 10; where the acceleration jumps, a tick's impulse is lost.
+with r the stability ratio and s_0 = c h^2 the first of `reaction_weights`. With b = 1 (the whole mass) slow
+motions are exact, but motion grows weakly if a soft film is heavy (r above 1.5, implicit Euler). With b = 0
+it does not grow up to r = 10, but a jump of the acceleration loses the impulse of a tick. A compensating
+torque cancels the carried mass at the expected acceleration, so the mass resists deviations only. A fraction
+f of M_a is carried; with a_n the acceleration of the last tick:
 
-What the mass takes at the expected acceleration is given back as torque, so that only the unexpected meets
-it. With a the accelerations of the last ticks:
+    implicit Euler:  f = 1,              expected = a_n
+    BDF2:            f = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
 
-    implicit Euler:  share = 1,              expected = a_n
-    BDF2:            share = min(1, r / 2),  expected = a_n + b' (a_n - a_n-1),    b' = min(1, 1.2 / r)
-
-A rigid load that is accelerated evenly moves as one body with the flange in any case. With BDF2 the arm feels
-the soft side's own wrench to second order where b' = 1; under a heavier soft side that would grow. Implicit
-Euler answers a tick late by itself: its whole mass at the last acceleration makes up for that.
-
+A rigid load under constant acceleration moves as one body with the flange in both cases. With BDF2 the arm
+feels the soft robot's wrench to second order where b' = 1, which would be unstable for a heavier soft robot.
+Implicit Euler reacts one tick late; the whole mass at the last acceleration compensates for that.
 Source: the amplification of a chain on a mass, in tests/coupling/test_algorithmic_mass.py.
 """
 
@@ -31,7 +29,8 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.coupling.contact.levers import rigid_motions
-from cosim.coupling.robots.soft_robot import IMPLICIT_EULER, SoftRobot
+from cosim.coupling.robots.soft_robot import SoftRobot
+from cosim.coupling.robots.stability_ratio import IMPLICIT_EULER
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 
@@ -39,13 +38,13 @@ from cosim.soft.contact.obstacle_contact import ContactPlanes
 @final
 @dataclass(frozen=True)
 class CarriedInertia:
-    """Inertia that rides on the arm's joints, and the accelerations by which it is given back.
+    """Inertia that the arm's joints carry, and the accelerations at which a torque compensates it.
 
     Args:
         inertia: (joints, joints) [kg m^2], algorithmic mass; zero for none.
-        weights: (2,) of the last accelerations, see `carried_fraction`.
-        past: (2, joints) [rad/s^2], of the last tick and the one before; kept up to date while it acts.
-        acts: whether there is any.
+        weights: (2,) of the last accelerations in the expected one, see `carried_fraction`.
+        past: (2, joints) [rad/s^2], accelerations of the last two ticks, last first; updated while it acts.
+        acts: whether the inertia is not zero.
     """
 
     inertia: Array
@@ -54,14 +53,14 @@ class CarriedInertia:
     acts: bool
 
     def compensate(self, scene: CoupledScene) -> None:
-        """Give back as torque what the inertia takes as long as the soft side answers as before."""
+        """Apply the torque that cancels the inertia at the expected acceleration."""
         if self.acts:
             self.past[1], self.past[0] = self.past[0], scene.joint_acceleration
             scene.apply_joint_torque(self.inertia @ (self.weights @ self.past))
 
 
 def rigid_fraction(ratio: float) -> float:
-    """Return b, how much of what the film lags behind within a tick is carried all the same.
+    """Return b, the fraction of the film's lag within a tick that is carried as rigid mass.
 
     Args:
         ratio: r, stability ratio of the flange.
@@ -70,9 +69,9 @@ def rigid_fraction(ratio: float) -> float:
 
 
 def carried_fraction(weights: tuple[float, ...], ratio: float) -> tuple[float, Array]:
-    """Return the share of the algorithmic mass that rides along, and what of it is given back.
+    """Return f, the fraction of the algorithmic mass that is carried, and weights of accelerations.
 
-    The latter are the weights (2,) of the last accelerations in the expected one, last first.
+    The weights (2,) are those of the last two accelerations in the expected one, last first.
 
     Args:
         weights: s, of `reaction_weights`.
@@ -90,10 +89,10 @@ def algorithmic_mass(
     """Return M_a (6, 6), linear then angular, about a point, world axes.
 
     Args:
-        soft: after its step.
+        soft: soft robot after its step.
         origin: (3,) [m], of the flange.
         ratio: r, stability ratio of the flange.
-        contact: with the body; None for none.
+        contact: contacts with the soft robot; None for none.
         step_s: h [s].
     """
     mass = soft.mass_properties().spatial(origin)

@@ -1,4 +1,4 @@
-"""The exchange of arm and soft body, in whatever scheme."""
+"""Interface of the exchange schemes between arm and soft robot."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from cosim.soft.body.loads import Loads
 
 
 class Coupling(ABC):
-    """Advances arm and soft body.
+    """Advances arm and soft robot together.
 
     Args:
         interface: between them.
@@ -22,25 +22,25 @@ class Coupling(ABC):
 
     @property
     def wrench(self) -> Wrench:
-        """What the soft side exerts on the flange at present, at its origin, world axes."""
+        """The soft robot's present wrench on the flange, at its origin, world axes."""
         return self.interface.wrench
 
     def parts(self) -> dict[str, Any]:
-        """Return what the next tick depends on besides scene and soft side, by name, see `restore_states`."""
+        """Return the stateful parts besides scene and soft robot, by name, see `restore_states`."""
         return {**self.interface.parts(), "scheme": self}
 
     @abstractmethod
     def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
-        """Advance both sides by up to n ticks, at least one; how many changes no result.
+        """Advance both by up to n ticks, at least one; the number of ticks per call changes no result.
 
         Args:
-            servos: what they are asked for.
-            loads: on the soft body at the ends of the ticks.
+            servos: commands of the n ticks.
+            loads: on the soft robot at the end of each tick.
 
         Returns:
-            What they leave, and the error of the tick after the last one, if that has failed.
+            The log of the finished ticks, with the error of the tick after them if that has failed.
 
         Raises:
-            InstabilityError: the rigid side is no longer finite, in the first tick.
+            InstabilityError: the arm's state is no longer finite, in the first tick.
             ConvergenceError: the first soft step, or the first exchange, has no solution.
         """

@@ -1,4 +1,4 @@
-"""The rigid step of a staggered tick to first order: how arm and servos answer small changes."""
+"""The Jacobian of a staggered tick's rigid step, with the servos, by central differences."""
 
 from collections.abc import Callable
 
@@ -21,49 +21,49 @@ def rigid_jacobian(
     servos: Callable[[Array, Array], ServoCommands],
     reference: Array,
 ) -> Array:
-    """Return how the arm's state ends after the rigid step of a tick, to first order.
+    """Return the Jacobian of the arm's state after the rigid step of a tick.
 
-    By central differences of MuJoCo's step, which has no derivatives; the state is restored. Rows are joint
-    positions, speeds and, where joints carry algorithmic mass, the last accelerations and those in `past`.
-    Columns are the same, figures of the soft side (see `Interface.figures`), and the servos' references of
-    position and speed.
+    By central differences, as MuJoCo's step has no derivatives; the state is restored. Rows are joint
+    positions, speeds and, if the joints carry algorithmic mass, the last accelerations and those in `past`.
+    Columns are the same quantities before the step, the figures of the soft robot (see `Interface.figures`),
+    and the servos' references of position and speed.
 
     Args:
-        interface: between the sides.
-        carried: on the joints; of (0, 0) for none.
-        servos: returns what the servos are asked for, by references (joints,) of position and speed.
-        reference: (joints,) [rad], present one of position.
+        interface: between arm and soft robot.
+        carried: inertia on the joints, (0, 0) for none.
+        servos: (position, speed) references (joints,) -> commands of the servos.
+        reference: (joints,) [rad], present reference of position.
     """
     scene = interface.scene
     assert isinstance(scene, RigidScene), "linear models are of scenes that cosim steps"
-    saved, taken, carries, past = scene.state, interface.room(1), carried.acts, carried.past.copy()
+    saved, log, carries, past = scene.state, interface.new_log(1), carried.acts, carried.past.copy()
     joints, last = len(scene.joint_names), np.vstack([scene.joint_acceleration, past])
     last, figures = last.ravel() if carries else last[:0].ravel(), interface.figures.copy()
-    here = (scene.joint_position, scene.joint_velocity, last, figures, reference, np.zeros(joints))
+    inputs = (scene.joint_position, scene.joint_velocity, last, figures, reference, np.zeros(joints))
     steps = (_ANGLE, _SPEED, _ACCELERATION, _FIGURE, _ANGLE, _SPEED)
-    sizes = [len(part) for part in here]
-    ends, start, scale = np.cumsum(sizes)[:-1], np.concatenate(here), np.repeat(steps, sizes)
+    sizes = [len(part) for part in inputs]
+    ends, start, scale = np.cumsum(sizes)[:-1], np.concatenate(inputs), np.repeat(steps, sizes)
 
-    def after(values: Array) -> Array:
-        position, speed, felt, load, accuracy, pace = np.split(values, ends)
+    def state_after(values: Array) -> Array:
+        position, speed, accelerations, load, wanted, pace = np.split(values, ends)
         scene.state = saved
         scene.set_joint_state(position, speed)
         if carries:
-            scene.set_acceleration(felt[:joints])
-            carried.past[:] = felt[joints:].reshape(past.shape)
+            scene.set_acceleration(accelerations[:joints])
+            carried.past[:] = accelerations[joints:].reshape(past.shape)
         interface.figures[:] = load
         interface.load_flange(supplied_wrench(load))
         carried.compensate(scene)
         try:
-            interface.step_rigid(servos(accuracy, pace).row(0), taken)
+            interface.step_rigid(servos(wanted, pace).row(0), log)
         except InstabilityError as error:
             raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0) from error
-        felt = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]
-        return np.concatenate([taken.joint_position[0], taken.joint_velocity[0], felt])
+        accelerations = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]
+        return np.concatenate([log.joint_position[0], log.joint_velocity[0], accelerations])
 
     try:
         columns = [
-            (after(start + step) - after(start - step)) / (2.0 * size)
+            (state_after(start + step) - state_after(start - step)) / (2.0 * size)
             for step, size in zip(np.diag(scale), scale, strict=True)
         ]
     finally:

@@ -1,7 +1,4 @@
-"""Loads that one side hands over to the other, and how far they are from those that it has received.
-
-Plain numbers: numpy is slow on six.
-"""
+"""Loads that pass from the soft robot to the rigid scene, and their balance; plain floats for speed."""
 
 from dataclasses import dataclass
 from typing import Final, final
@@ -11,8 +8,8 @@ from cosim.base.frames import Array, SixNumbers, Wrench
 LEVER_M: Final = 0.1
 """Lever at which torques count as forces."""
 SMALLEST_N: Final = 1e-2
-"""Loads below it count as this large: what is left of them is rounding."""
-NOTHING: Final[SixNumbers] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Smallest scale of relative errors: differences of smaller loads are rounding."""
+ZERO_LOAD: Final[SixNumbers] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @final
@@ -21,10 +18,10 @@ class TransferredLoads:
     """Loads about the world's origin, (force, torque) each.
 
     Args:
-        flange: on it.
-        bodies: sum over all touched bodies.
-        flange_size_N: of the loads that make up the first.
-        bodies_size_N: the same of the second.
+        flange: on the flange.
+        bodies: on the touched bodies, summed.
+        flange_size_N: size of the largest component of the load on the flange.
+        bodies_size_N: sum of the sizes of the contact forces on bodies.
         bodies_normal_N: sum of the normal forces on bodies.
     """
 
@@ -35,11 +32,11 @@ class TransferredLoads:
     bodies_normal_N: float = 0.0
 
     def error(self, due: SixNumbers, received: SixNumbers) -> float:
-        """Return the largest relative difference of what the flange has received from this and what is due.
+        """Return the relative error of the load that the flange has received.
 
         Args:
-            due: besides these loads, about the world's origin.
-            received: about the world's origin.
+            due: load that is due in addition to `flange`, about the world's origin.
+            received: load that has acted on the flange, about the world's origin.
         """
         return relative_error(total(self.flange, due), received, self.flange_size_N)
 
@@ -50,7 +47,7 @@ def six_numbers(load: Array) -> SixNumbers:
     return x, y, z, u, v, w
 
 
-def numbers_of(wrench: Wrench) -> SixNumbers:
+def wrench_numbers(wrench: Wrench) -> SixNumbers:
     """Return a wrench as plain numbers, force then torque."""
     (x, y, z), (u, v, w) = wrench.force.tolist(), wrench.torque.tolist()
     return x, y, z, u, v, w
@@ -68,9 +65,9 @@ def work_rate(first: SixNumbers, second: SixNumbers) -> float:
     return x * a + y * b + z * c + u * d + v * e + w * f
 
 
-def relative_error(given: SixNumbers, found: SixNumbers, size_N: float) -> float:
-    """Return the largest component of the difference of two loads over a size."""
-    (x, y, z, u, v, w), (a, b, c, d, e, f) = given, found
+def relative_error(expected: SixNumbers, actual: SixNumbers, size_N: float) -> float:
+    """Return the largest component of the difference of two loads, relative to a size."""
+    (x, y, z, u, v, w), (a, b, c, d, e, f) = expected, actual
     force = max(abs(x - a), abs(y - b), abs(z - c))
     torque = max(abs(u - d), abs(v - e), abs(w - f))
     return max(force, torque / LEVER_M) / max(size_N, SMALLEST_N)

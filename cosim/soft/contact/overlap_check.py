@@ -56,7 +56,7 @@ def list_all(
 
 
 @final
-class FilmLook:
+class OverlapCheck:
     """Looks for films that have passed through one another.
 
     Args:
@@ -78,7 +78,7 @@ class FilmLook:
 
 
 @final
-class ArmsLook:
+class ArmsOverlapCheck:
     """Looks for films of two soft robots that have passed through one another.
 
     Args:
