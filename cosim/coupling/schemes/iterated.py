@@ -215,8 +215,8 @@ class InterfaceIteration:
         size = np.inf if best is None else best.size
         raise ConvergenceError(
             f"the loads between arm and soft robot do not agree after {self.trials} trials of a tick: they "
-            f"differ by {size:.3g} of their size, above coupling.tolerance = {self._options.tolerance:g}; try "
-            "a shorter tick, or coupling.scheme = 'staggered'",
+            f"differ by {size:.3g} of their size, above coupling.tolerance = {self._options.tolerance:g}; "
+            "try a shorter tick, or coupling.scheme = 'staggered'",
             size * self._scale,
             self.newton_iterations,
         )
