@@ -16,7 +16,7 @@ from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.coupling.robots import frozen_robot, film_robot, soft_robot
+from cosim.coupling.robots import film_robot, frozen_robot, soft_robot
 from cosim.plan.flange_motion import pose_of
 from cosim.soft.body.body import SoftBody
 from cosim.stepping.parts import film_law

@@ -11,7 +11,15 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.devices.device_report import ActuationReport, DeviceNames
 from cosim.plan import arm_limits, tip_errors
-from cosim.soft.solve.branching import IN_TIME, LEFT, UNDECIDED, WHOLE, Branching, FilmOverlap, StabilityReport
+from cosim.soft.solve.branching import (
+    IN_TIME,
+    LEFT,
+    UNDECIDED,
+    WHOLE,
+    Branching,
+    FilmOverlap,
+    StabilityReport,
+)
 from cosim.telemetry import run_info, tick_batch
 
 
@@ -450,7 +458,9 @@ def _mode(frequency_Hz: float, decay: run_info.Decay | None, own_per_s: float) -
     }  # fmt: skip
 
 
-def resting(branchings: list[dict[str, Any]], phase: str, footing: StabilityReport | None) -> list[dict[str, Any]]:
+def resting(
+    branchings: list[dict[str, Any]], phase: str, footing: StabilityReport | None
+) -> list[dict[str, Any]]:
     """Return branchings with where a phase, in which rounding decided on the side, comes to rest.
 
     Args:
