@@ -77,16 +77,26 @@ def run(name: str, changes: Sequence[str] = (), version: Path = ROOT) -> Command
         version: folder of the version that runs it.
     """
     words = [word for change in changes for word in ("--set", change)]
-    given = {"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": str(version)}
     with TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "cosim", "run", name, "--out", f"{folder}/run", "--quiet", *words]
-        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run(command, env=given, cwd=version, check=True, capture_output=True)
-        wall_s, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+        wall_s, cpu_s = spent("run", name, "--out", f"{folder}/run", "--quiet", *words, version=version)
         summary = json.loads(Path(folder, "run", "summary.json").read_text(encoding="utf-8"))
-    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     error_s = (summary.get("error") or {}).get("wall_s") or 0.0
     return Command(summary["simulated_s"], wall_s, cpu_s, summary["wall_s"], error_s)
+
+
+def spent(*words: str, version: Path = ROOT) -> tuple[float, float]:
+    """Run a command of cosim, and return its wall and CPU time [s].
+
+    Args:
+        words: of the command.
+        version: folder of the version that runs it.
+    """
+    given = {"OMP_NUM_THREADS": "1"} | os.environ | {"PYTHONPATH": str(version)}
+    command = [sys.executable, "-m", "cosim", *words]
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(command, env=given, cwd=version, check=True, capture_output=True)
+    wall_s, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall_s, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def least(name: str, changes: Sequence[str], repeats: int) -> Command:
