@@ -80,7 +80,7 @@ class Options:
         directory: where the files go; None writes none.
         make_recorder: makes the recorder of a file; None for no recording.
         watchers: shown every tick.
-        stop: asked after every batch of ticks, some tenth of a second; a text interrupts the run, saying why.
+        stop: asked after every batch of ticks, of some 0.2 s; a text interrupts the run, and says why.
         checkpoint_every_s: wall time between two checkpoints in the directory; None: there are none.
         resume: whether to continue with the run in the directory, from its checkpoint.
         find_bars: works out how far the figures may be off, from the ends of the phases; None: nobody does.

@@ -25,7 +25,7 @@ class KeptParts:
     from the cache is bit-identical to a new one. Use it from one thread at a time.
 
     Args:
-        on_disk: whether plans are also written to the cache on disk, for other processes.
+        on_disk: whether `lasting` parts are also written to the cache on disk, for other processes.
     """
 
     def __init__(self, *, on_disk: bool = False) -> None:
@@ -52,6 +52,26 @@ class KeptParts:
         if len(parts) > most:
             del parts[next(iter(parts))]
         return cast(Kind, part)
+
+    def lasting(self, kind: str, name: str, part: type[Kind], make: Callable[[], Kind]) -> Kind:
+        """Return the part of a name, which is also on disk for other processes, unless its name is random.
+
+        It is valid for the same program on the same kind of processor.
+
+        Args:
+            kind: of part.
+            name: of the values that it is built from, and of the files that these were read from.
+            part: class of the part, a record that a file can hold.
+            make: builds the part.
+        """
+        if not self.on_disk or is_nameless(name):
+            return self.made(kind, name, make)
+        # imported here because it takes long to load
+        from cosim.base import caches, kernel_cache, state_file
+        from cosim.base.identity import code_identity
+
+        file = content_name(kind, name, code_identity(), kernel_cache.processor())
+        return self.made(kind, name, partial(state_file.load_or_make, caches.PLANS, file, part, make))
 
     def forget(self, kind: str, name: str) -> None:
         """Remove a part from the cache, after a value that it was built from has changed.

@@ -153,6 +153,14 @@ def check_starts(shared: SceneOfArms, joints: Mapping[str, Array]) -> None:
 
 
 @final
+@dataclass(frozen=True)
+class _KeptClearances:
+    """Clearances along a plan, as the cache holds them; None where they are not looked at."""
+
+    clearances: PathClearances | None
+
+
+@final
 class ArmParts:
     """An arm, in both engines, and the scene around it.
 
@@ -225,7 +233,7 @@ class ArmParts:
         return name_of(self._arm_name, timed, [path.first for path in paths], curves)
 
     def clearances(
-        self, plan: Plan, body: SoftBody, body_name: str, *, film_touches: bool
+        self, plan: Plan, body: SoftBody, body_name: str, *, film_touches: bool, lasting: bool
     ) -> PathClearances | None:
         """Return the clearances along a plan; see `path_clearances`.
 
@@ -234,17 +242,23 @@ class ArmParts:
             body: of the soft robot.
             body_name: its cache name.
             film_touches: whether the run models the soft robot's contact.
+            lasting: whether `body_name` is valid in other processes too.
         """
         settings = self._scenario.plan
         name = name_of(
             self.motion_name(plan), self._geometry_name, body_name, settings, self.driven, film_touches
         )
-        return self._kept.made(
-            "clearances", name,
-            lambda: path_clearance.path_clearances(
-                self.scene, plan, body, settings, self.driven, film_touches=film_touches
-            ),
-        )  # fmt: skip
+
+        def found() -> _KeptClearances:
+            return _KeptClearances(
+                path_clearance.path_clearances(
+                    self.scene, plan, body, settings, self.driven, film_touches=film_touches
+                )
+            )
+
+        if lasting:
+            return self._kept.lasting("clearances", name, _KeptClearances, found).clearances
+        return self._kept.made("clearances", name, found).clearances
 
     def asked(self, plan: Plan, payload: Payload, clearances: PathClearances | None) -> PlannedArm:
         """Return the planned motion of the arm with its loads; see `planned_arm`.

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias, final
 
-from cosim.base import caches, kernel_cache, state_file
-from cosim.base.identity import code_identity, content_name
-from cosim.base.kept_parts import KeptParts, is_nameless, name_of
+from cosim.base.kept_parts import KeptParts, name_of
 from cosim.build import options
 from cosim.build.decisions import contact_decision, decisions, finer_steps, largest_pressure
 from cosim.build.run_info import stage_of
@@ -231,7 +229,9 @@ def _carried(
         arm, scene, soft, scenario.payload_compensation, law, mounted, scenario.coupling, parts.driven
     )
     travel = film_reach.flange_travel(arm, plan, film_reach.film_reach(soft.body, 0.0))
-    clear = parts.clearances(plan, model.body, model.body_name, film_touches=contact.included)
+    clear = parts.clearances(
+        plan, model.body, model.body_name, film_touches=contact.included, lasting=model.lasting
+    )
     clear = path_clearance.clearances_to_others(
         clear, planned.on_its_way, [each.on_its_way for each in others], scenario.plan,
         film_touches=contact.included,
@@ -282,12 +282,10 @@ def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Pl
 
     def solve() -> SolvedPhases:
         name = _asked_name(scenario, model)
-        if not model.lasting or not model.kept.on_disk or is_nameless(name):
+        if not model.lasting:
             return model.kept.made("solved phases", name, solved)
-        # valid for the same program on the same kind of processor; tip paths are solved again
-        file = content_name(name, code_identity(), kernel_cache.processor())
-        from_disk = partial(state_file.load_or_make, caches.PLANS, file, SolvedPhases, solved)
-        return model.kept.made("solved phases", name, from_disk)
+        # tip paths are solved again
+        return model.kept.lasting("solved phases", name, SolvedPhases, solved)
 
     try:
         return make_plan(scenario, plan_joints, model.body, solve)

@@ -73,8 +73,12 @@ def write_columns(
         metadata = {key.encode(): own.pop(key).encode() for key in _OPEN}
         fields.append(pa.field(name, arrays[-1].type, metadata={**metadata, **_said(own)}))
     table = pa.table(arrays, pa.schema(fields, _said(header)))
-    # few numbers occur twice: dictionaries cost eight times the time, and room
-    how: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "write_page_checksum": True}
+    # few numbers occur twice: dictionaries cost eight times the time, and room; bytes that belong together
+    # side by side, exponents above all, save a quarter of the room
+    how: dict[str, Any] = {
+        "compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True,
+        "write_page_checksum": True,
+    }  # fmt: skip
     with writing(path), whole_file(path) as file:
         parquet.write_table(table, file, **how)
 

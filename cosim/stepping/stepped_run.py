@@ -58,9 +58,9 @@ class Cursor:
 
 TOGETHER: Final = 512
 """Steps that may be taken in one call, where a model takes many at once: more cost no less each."""
-_SHOWN: Final = 64
+_SHOWN: Final = 128
 """Steps that are shown together, where few are taken at once: fine meshes are large."""
-_SHOWN_S: Final = 0.1
+_SHOWN_S: Final = 0.2
 """Wall time of steps after which they are shown, though they are fewer."""
 
 
