@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from column_tables import column_table, figure_table
-from glossary_text import glossary_text
 from key_tables import key_tables
 from public_names import public_errors, public_names
 
@@ -29,7 +28,6 @@ TEXTS: Final[dict[str, Callable[[], str]]] = {
     "columns of ticks": lambda: column_table(TickColumns),
     "figures of columns": lambda: figure_table(figures_of(TickColumns)),
     "figures of phases": lambda: figure_table(ends_of(TickColumns)),
-    "glossary": glossary_text,
     "public names": public_names,
     "public errors": public_errors,
 }
