@@ -35,7 +35,8 @@ from torch import nn
 
 import cosim.gym  # registers the environments
 from cosim.base.frames import Array
-from cosim.gym.policy import Policy, episodes, policy_of
+from cosim.gym.policy import Policy, policy_of
+from cosim.gym.replay import episodes
 from cosim.gym.tasks import task_of
 
 

@@ -36,14 +36,15 @@ from cosim.bars.calibration import (
     GRADED,
     TICK_FACTOR,
     Calibration,
-    apart,
+    bounded,
+    bounded_tension,
     calibration_of,
-    tension_apart,
     tension_difference,
 )
 from cosim.bars.finer_mesh import FinerMesh
 from cosim.bars.resting import at_rest
-from cosim.bars.study import differences, find_bars, shape_figures
+from cosim.bars.shape_figures import differences, shape_figures
+from cosim.bars.study import find_bars
 from cosim.base.kept_parts import KeptParts
 from cosim.build.soft_model import SoftModel
 from cosim.config.loading import load_scenario
@@ -240,9 +241,9 @@ def _elsewhere(ends: Sequence[PhaseEnd]) -> str:
 
 def _true(found: Found, end: PhaseEnd, shape: Any, closer: Any) -> dict[str, Any]:
     """Return the true errors of a phase end, and the differences that the bars are made of."""
-    frame = (end.state.flange.translation, end.state.flange.rotation[:, 2])
-    rest, once, twice = (shape_figures(side, at.state.positions, frame) for side, at in found)
-    here, there = (shape_figures(found[0][0], x, frame) for x in (shape, closer))
+    flange = end.state.flange
+    rest, once, twice = (shape_figures(side, at.state.positions, flange) for side, at in found)
+    here, there = (shape_figures(found[0][0], x, flange) for x in (shape, closer))
     truth = {key: None if rest[key] is None else there[key] + (twice[key] - rest[key]) for key in rest}
     return {
         "rest": {key: rest[key] for key in ("length_m", "volume_m3")},
@@ -284,11 +285,11 @@ def compared(row: dict[str, Any], key: str) -> tuple[float, float, float] | None
         pulled = row.get("tensions", {})
         if "once" not in pulled:
             return None
-        found = tension_apart(max(pulled["tension_N"]), pulled["once"], pulled["of_tip"])
+        found = bounded_tension(max(pulled["tension_N"]), pulled["once"], pulled["of_tip"])
         return found, pulled["twice"], pulled["twice"]
     if key not in row.get("truth", {}):
         return None
-    away = apart(row["once"], row["rest"], CALIBRATIONS[row["mesh"]])
+    away = bounded(row["once"], row["rest"], CALIBRATIONS[row["mesh"]])
     return away[key], row["twice"][key], row["truth"][key]
 
 

@@ -26,7 +26,7 @@ import cosim
 from cosim.base.frames import Array
 from cosim.build.arms import find_arm
 from cosim.kinematics.arm import Arm
-from cosim.results.exports import JointTable
+from cosim.results.joint_table import JointTable
 from cosim.rigid.build.description import SceneDescription
 from cosim.rigid.scene.scene import RigidScene
 

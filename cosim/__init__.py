@@ -13,18 +13,18 @@ from cosim._version import __version__ as __version__
 if TYPE_CHECKING:
     from cosim.app.api import run as run
     from cosim.app.api import run_arms as run_arms
-    from cosim.app.attach import Attached as Attached
     from cosim.app.attach import attach as attach
-    from cosim.app.driver import Observer as Observer
+    from cosim.app.attached import Attached as Attached
+    from cosim.app.batch import Batch as Batch
     from cosim.app.ended_run import load_run as load_run
-    from cosim.app.ended_run import picture as picture
     from cosim.app.error_bars import error_bars as error_bars
-    from cosim.app.motion import plan_path as plan_path
-    from cosim.app.motion import replay as replay
-    from cosim.app.motion import run_path as run_path
+    from cosim.app.joint_paths import plan_path as plan_path
+    from cosim.app.joint_paths import run_path as run_path
     from cosim.app.payload import payload_torque as payload_torque
+    from cosim.app.picture import picture as picture
     from cosim.app.progress import ProgressBar as ProgressBar
-    from cosim.app.simulation import Batch as Batch
+    from cosim.app.replay import replay as replay
+    from cosim.app.run_follower import Observer as Observer
     from cosim.app.simulation import SavedState as SavedState
     from cosim.app.simulation import Simulation as Simulation
     from cosim.app.twin import Prediction as Prediction
@@ -59,24 +59,28 @@ if TYPE_CHECKING:
     from cosim.results.episodes import LearningEpisode as LearningEpisode
     from cosim.results.episodes import episode_of as episode_of
     from cosim.results.episodes import write_episodes as write_episodes
-    from cosim.results.exports import JointTable as JointTable
+    from cosim.results.joint_table import JointTable as JointTable
     from cosim.results.result import RunResult as RunResult
-    from cosim.sweeps.sweeping import SweepOutcome as SweepOutcome
-    from cosim.sweeps.sweeping import SweepProgress as SweepProgress
+    from cosim.sweeps.plot import plot_sweep as plot_sweep
+    from cosim.sweeps.study_run import SweepOutcome as SweepOutcome
+    from cosim.sweeps.study_run import SweepProgress as SweepProgress
     from cosim.sweeps.sweeping import sweep as sweep
     from cosim.sweeps.table import open_sweep as open_sweep
-    from cosim.sweeps.table import plot_sweep as plot_sweep
 
 _NAMES = {
     "cosim.app.api": "run run_arms",
-    "cosim.app.attach": "Attached attach",
-    "cosim.app.driver": "Observer",
-    "cosim.app.ended_run": "load_run picture",
+    "cosim.app.attach": "attach",
+    "cosim.app.attached": "Attached",
+    "cosim.app.batch": "Batch",
+    "cosim.app.ended_run": "load_run",
     "cosim.app.error_bars": "error_bars",
-    "cosim.app.motion": "plan_path replay run_path",
+    "cosim.app.joint_paths": "plan_path run_path",
     "cosim.app.payload": "payload_torque",
+    "cosim.app.picture": "picture",
     "cosim.app.progress": "ProgressBar",
-    "cosim.app.simulation": "Batch SavedState Simulation",
+    "cosim.app.replay": "replay",
+    "cosim.app.run_follower": "Observer",
+    "cosim.app.simulation": "SavedState Simulation",
     "cosim.app.twin": "Prediction Twin",
     "cosim.base.frames": "Pose",
     "cosim.base.kept_parts": "KeptParts",
@@ -92,10 +96,12 @@ _NAMES = {
         "TickWorkError UnreachableError WorkerError"
     ),
     "cosim.results.episodes": "LearningEpisode episode_of write_episodes",
-    "cosim.results.exports": "JointTable",
+    "cosim.results.joint_table": "JointTable",
     "cosim.results.result": "RunResult",
-    "cosim.sweeps.sweeping": "sweep SweepOutcome SweepProgress",
-    "cosim.sweeps.table": "open_sweep plot_sweep",
+    "cosim.sweeps.plot": "plot_sweep",
+    "cosim.sweeps.study_run": "SweepOutcome SweepProgress",
+    "cosim.sweeps.sweeping": "sweep",
+    "cosim.sweeps.table": "open_sweep",
 }
 """By module, the public names that are loaded from it."""
 

@@ -1,4 +1,4 @@
-"""Running a scenario from Python."""
+"""Runs scenarios from Python."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from cosim.app import driver, preparation
 from cosim.app.error_bars import bars_finder
 from cosim.app.run_files import default_directory
+from cosim.app.run_follower import Observer, Options
 from cosim.base import kept_parts
 from cosim.config import loading, rules, several_arms
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
-from cosim.results.result import ResultBuilder, RunResult
-from cosim.telemetry.figures import branching_lines, standing_lines
+from cosim.results.result import RunResult
+from cosim.results.result_builder import ResultBuilder
+from cosim.telemetry.stability_lines import branching_lines, stability_lines
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody
@@ -32,7 +34,7 @@ def run(
     recording: bool = False,
     controllers: Mapping[str, AnyController] | None = None,
     body: AnyBody | None = None,
-    observers: Sequence[driver.Observer] = (),
+    observers: Sequence[Observer] = (),
     error: bool | None = None,
 ) -> RunResult:
     """Run a scenario and return its arrays.
@@ -40,20 +42,19 @@ def run(
     Args:
         scenario: name of a scenario that comes with cosim, path of a .toml file, or a scenario.
         overrides: values by key path, such as {"mode": "quasistatic", "phase.inflate.pressure_Pa": 20e3}.
-        out: directory for scenario.toml, summary.json and the recording; None writes none unless a
-            recording is asked for, which then goes to `runs/`.
+        out: directory for scenario.toml, summary.json and the recording; None writes no files, unless
+            `recording` is set, which writes to `runs/`.
         recording: whether to write `recording.rrd`.
         controllers: the scenario's controllers of kind "python", by name.
         body: a soft body in place of the scenario's soft robot; its files cannot be resumed without it.
-        observers: shown all ticks while the run lasts.
-        error: whether to work out how far its figures may be off, as `cosim.error_bars` does; None: at all
-            phase ends where that costs at most a quarter of the run, else at the last, or not where even that
-            costs far more.
+        observers: of all ticks while the run lasts.
+        error: whether to compute error bars, as `cosim.error_bars` does; None: at all phase ends if that
+            costs at most a quarter of the run, otherwise at the last, or nowhere if even that costs far more.
 
     Raises:
         InputError: the scenario is wrong or asks for what cannot be reached.
-        SolverError: the physics could not be solved; `result` of the error holds the arrays until then, as it
-            does of whatever else is raised in the middle of a run, such as by a controller.
+        SolverError: the physics could not be solved; `result` of the error has the arrays until then, as has
+            any other error in a run, such as one of a controller.
         RunInterrupted: by Ctrl-C; the same.
     """
     started = time.perf_counter()
@@ -66,7 +67,7 @@ def run(
     arrays = ResultBuilder(checked.recording.frames_per_s)
     recorder = driver.rerun_recorder if recording else None
     find_bars = bars_finder(error, preparation.log, kept)
-    options = driver.Options(directory, recorder, [arrays, *observers], find_bars=find_bars)
+    options = Options(directory, recorder, [arrays, *observers], find_bars=find_bars)
     given: dict[str, Any] = {"controllers": controllers, "body": named and named.body, "kept": kept}
     given = {key: value for key, value in given.items() if value is not None}
     build = partial(preparation.build_simulation, tell=preparation.log, **given)
@@ -91,7 +92,7 @@ def run_arms(
         scenario: name of a scenario that comes with cosim, or path of a .toml file with `[[arm]]`.
         overrides: values by key path, such as {"arm.left.phase.lift.duration_s": 2.0}.
         out: directory for scenario.toml, the recording, and a folder for each arm with its summary.json and
-            arrays; None writes none unless a recording is asked for, which then goes to `runs/`.
+            arrays; None writes no files, unless `recording` is set, which writes to `runs/`.
         recording: whether to write `recording.rrd`, of all arms.
 
     Raises:
@@ -104,7 +105,7 @@ def run_arms(
     checked = preparation.prepared_arms(loaded, preparation.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
-    options = driver.Options(directory, driver.rerun_recorder if recording else None, tell=preparation.log)
+    options = Options(directory, driver.rerun_recorder if recording else None, tell=preparation.log)
     outcomes = driver.execute_arms(
         checked, options, {name: [each] for name, each in arrays.items()}, started, kept
     )
@@ -120,23 +121,23 @@ def run_arms(
 
 
 def log_ending(summary: dict[str, Any]) -> None:
-    """Log the warnings of a run, and where its soft robot was not stable."""
+    """Log the warnings of a run, and the phases in which its soft robot was unstable."""
     for line in (
-        *summary["warnings"], *branching_lines(summary["branchings"]), *standing_lines(summary["phases"])
+        *summary["warnings"], *branching_lines(summary["branchings"]), *stability_lines(summary["phases"])
     ):  # fmt: skip
         preparation.log(line)
 
 
 def raise_ended(error: BaseException, result: object, directory: Path | None) -> NoReturn:
-    """Raise what has ended a run.
+    """Raise the error that ended a run.
 
     Args:
-        error: that was raised in it; an interruption by Ctrl-C becomes `RunInterrupted`.
-        result: arrays until then, which the error carries.
-        directory: of the run's files; None: there are none.
+        error: of the run; an interruption by Ctrl-C becomes `RunInterrupted`.
+        result: arrays until then; attribute `result` of the error.
+        directory: of the run's files; None without files.
     """
     raised = RunInterrupted(*error.args) if isinstance(error, KeyboardInterrupt) else error
     vars(raised)["result"] = result
     if directory is not None:
-        raised.add_note(f"what was simulated is in {directory}")
+        raised.add_note(f"the results until then are in {directory}")
     raise raised from error.__cause__ if raised is error else error

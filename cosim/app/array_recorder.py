@@ -1,4 +1,4 @@
-"""Keeps the arrays of a run on disk while it lasts, beside its recording."""
+"""Writes the arrays of a run to files while it lasts."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -9,18 +9,18 @@ from cosim.app.run_files import ARRAYS, FRAMES, images_file
 from cosim.errors import OutputError
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
-from cosim.results.result import ResultBuilder
+from cosim.results.result_builder import ResultBuilder
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 
 
 @final
 class ArrayRecorder(Recorder):
-    """Writes what was gathered as its own part, at every checkpoint and at the end.
+    """Writes the gathered ticks as a part, at every checkpoint and at the end.
 
     Args:
         next_part: returns the path of the next part of a file, by the name of its first part.
-        frames_per_s: how often node positions are kept, in simulated time.
+        frames_per_s: frames with node positions, per second of simulated time.
         part: of the run.
     """
 
@@ -31,23 +31,23 @@ class ArrayRecorder(Recorder):
         self._written = False
 
     def open(self, stage: RunInfo) -> None:
-        """Take in what does not change during the run."""
+        """Begin a run."""
         self._stage = stage
 
     def record(self, batch: TickBatch) -> None:
-        """Take in some ticks."""
+        """Add some ticks."""
         self._gathered.observe(batch)
 
     def flush(self) -> None:
-        """Write what was gathered since the last time; where it cannot be, it is tried again later."""
+        """Write the ticks gathered since the last time; if that fails, they are written later."""
         with suppress(OutputError):
             self._write()
 
     def close(self, summary_markdown: str, status: str) -> None:
-        """Write what is left; an empty part if there is nothing at all.
+        """Write the remaining ticks; an empty part if there are no ticks at all.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: a file cannot be written.
         """
         self._write()
 

@@ -1,7 +1,5 @@
-"""A scenario as a co-simulation FMU (FMI 2): commands in, tip, flange wrench and joints out.
-
-The FMU runs cosim in the Python that it is loaded into, so cosim and its packages are installed there.
-Needs the extra `fmi`, as does whoever loads the FMU.
+"""A scenario as a co-simulation FMU (FMI 2): commands in, tip, flange wrench and joints out. The FMU runs in
+the Python process that loads it, which needs cosim with the extra `fmi`.
 """
 
 import re
@@ -40,39 +38,39 @@ class {name}(Fmi2Slave):
     def do_step(self, current_time, step_size):
         return self._scenario.step(step_size)
 '''
-"""pythonfmu 0.7.0 corrupts memory where a slave's class inherits from it by way of another class."""
+"""The class inherits from `Fmi2Slave` itself, as pythonfmu 0.7.0 corrupts memory with a class in between."""
 _WHOLE: Final = 1e-6
-"""Share of a tick by which a communication step may differ from whole ticks."""
+"""Tolerance of a communication step, in ticks."""
 
 
 class ScenarioInTime:
     """The scenario of an FMU, stepped by whole ticks.
 
-    An input acts from when it first differs from its start value, which is that of the plan at rest. Its
-    value is reached evenly within a communication step and held then; all else goes as planned.
+    An input acts as soon as it differs from its start value, which is that of the plan at rest. Its value is
+    reached evenly within a communication step and then held; everything else follows the plan.
 
     Args:
-        slave: gets the variables.
+        slave: to which the variables are added.
         simulation: of the scenario, a `cosim.Simulation` at its start.
     """
 
     def __init__(self, slave: Fmi2Slave, simulation: Any) -> None:
         self._slave, self._simulation = slave, simulation
-        stage, seen = simulation.stage, simulation.snapshot
+        stage, start = simulation.stage, simulation.snapshot
         slave.description = stage.title
         slave.default_experiment = DefaultExperiment(0.0, stage.duration_s, stage.tick_s)
         groups = {
-            "pressure_Pa": (stage.chamber_names, seen.chamber_pressure_Pa),
-            "cable_tension_N": (stage.cable_names, seen.cable_tension_N),
-            "joint_target": (stage.joint_names, seen.joint_position),
+            "pressure_Pa": (stage.chamber_names, start.chamber_pressure_Pa),
+            "cable_tension_N": (stage.cable_names, start.cable_tension_N),
+            "joint_target": (stage.joint_names, start.joint_position),
         }
         self._inputs = {
             group: dict(zip(names, values.tolist(), strict=True)) for group, (names, values) in groups.items()
         }
-        self._asked: dict[str, dict[str, float]] = {group: {} for group in groups}
-        self._new = False
-        for group, start in self._inputs.items():
-            for name in start:
+        self._commanded: dict[str, dict[str, float]] = {group: {} for group in groups}
+        self._has_new = False
+        for group, values in self._inputs.items():
+            for name in values:
                 self._input(group, name)
         for vector in ("tip_position", "tip_direction", "flange_force", "flange_torque"):
             self._outputs(vector, "xyz")
@@ -80,15 +78,15 @@ class ScenarioInTime:
         self._outputs("chamber_pressure_Pa", stage.chamber_names)
 
     def _input(self, group: str, name: str) -> None:
-        start, asked = self._inputs[group], self._asked[group]
+        start, commanded = self._inputs[group], self._commanded[group]
 
-        def take(value: float) -> None:
-            if value != asked.get(name, start[name]):
-                asked[name], self._new = value, True
+        def set_value(value: float) -> None:
+            if value != commanded.get(name, start[name]):
+                commanded[name], self._has_new = value, True
 
         variable = Real(
-            f"{group}.{name}", causality=Fmi2Causality.input, setter=take,
-            getter=lambda: asked.get(name, start[name]),
+            f"{group}.{name}", causality=Fmi2Causality.input, setter=set_value,
+            getter=lambda: commanded.get(name, start[name]),
         )  # fmt: skip
         self._slave.register_variable(variable)
 
@@ -100,16 +98,14 @@ class ScenarioInTime:
             )
 
     def _read(self, figure: str, k: int) -> float:
-        seen = self._simulation.snapshot
-        if figure.startswith("flange_"):
-            return float(getattr(seen.flange_wrench, figure.removeprefix("flange_"))[k])
-        return float(getattr(seen, figure)[k])
+        return float(getattr(self._simulation.snapshot, figure)[k])
 
     def step(self, step_s: float) -> bool:
-        """Take the ticks of a communication step [s]; errors reach whoever has loaded the FMU.
+        """Take the ticks of a communication step [s].
 
         Raises:
-            InputError: it is not one of whole ticks, the scenario ends within it, or a command is refused.
+            InputError: the step is not one of whole ticks, the scenario ends within it, or a command is
+                refused.
             SolverError: the physics could not be solved.
         """
         tick_s = self._simulation.stage.tick_s
@@ -118,17 +114,17 @@ class ScenarioInTime:
             raise InputError(
                 f"the communication step is {step_s:g} s; must be one or several ticks of {tick_s:g} s"
             )
-        command, self._new = (self._command() if self._new else None), False
+        command, self._has_new = (self._command() if self._has_new else None), False
         self._simulation.step(command, ticks=ticks)
         return True
 
     def _command(self) -> Command:
-        joints, asked = self._inputs["joint_target"], self._asked
-        target = {**joints, **asked["joint_target"]}
+        joints, commanded = self._inputs["joint_target"], self._commanded
+        target = {**joints, **commanded["joint_target"]}
         return Command(
-            pressure_Pa=asked["pressure_Pa"],
-            cable_tension_N=asked["cable_tension_N"],
-            joint_position=list(target.values()) if asked["joint_target"] else None,
+            pressure_Pa=commanded["pressure_Pa"],
+            cable_tension_N=commanded["cable_tension_N"],
+            joint_position=list(target.values()) if commanded["joint_target"] else None,
         )
 
 
@@ -141,8 +137,8 @@ def write_fmu(scenario: str, path: Path, overrides: Mapping[str, Any] | None = N
         overrides: values by key path.
 
     Raises:
-        InputError: the scenario is wrong, quasi-static, or the name of the file is none for a model.
-        OutputError: it cannot be written.
+        InputError: the scenario is wrong or quasi-static, or the file's name is no valid name of a model.
+        OutputError: the file cannot be written.
         SolverError: there is no state at rest to start from.
     """
     name = path.stem
@@ -150,7 +146,7 @@ def write_fmu(scenario: str, path: Path, overrides: Mapping[str, Any] | None = N
         raise InputError(f"{path}: must be a name of letters, digits and underscores that ends in .fmu")
     checked = load_scenario(scenario, overrides)
     if checked.mode != "dynamic":
-        raise InputError(f"mode is {checked.mode!r}; an FMU has time, set mode to 'dynamic'")
+        raise InputError(f"mode is {checked.mode!r}; an FMU needs time: set mode to 'dynamic'")
     with TemporaryDirectory() as folder, writing(path):
         script = Path(folder) / f"{name}.py"
         script.write_text(_SCRIPT.format(name=name), encoding="utf-8")

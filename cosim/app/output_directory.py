@@ -1,7 +1,5 @@
-"""A directory that results are written to: marked, with one writer at a time, and no foreign file lost.
-
-The marker names the files that were written there; only these are ever replaced or deleted. The writer holds
-a lock on it, which the system takes back when the process ends, however it does.
+"""A directory for results, with one writer at a time. A marker file lists the files that were written there;
+only these are replaced or deleted. The writer locks the marker; the lock ends with its process.
 """
 
 import errno
@@ -11,18 +9,19 @@ from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO, final
+from typing import Final, TextIO, final
 
 from cosim.base.whole_files import unfinished_files, write_whole
 from cosim.errors import InputError
 
-MARKER = ".cosim"
-_HEADER = "# cosim wrote the files named here; what is written here next may replace them.\n"
-_SHOWN = 3  # names in a message
+MARKER: Final = ".cosim"
+_HEADER: Final = "# cosim wrote the files named here; what is written here next may replace them.\n"
+_SHOWN: Final = 3
+"""File names in a message."""
 
 
 def written_names(path: Path) -> frozenset[str] | None:
-    """Return the names of the files that were written to a directory; None where it is not marked."""
+    """Return the names of the files that were written to a directory; None without a marker."""
     try:
         return frozenset(_entries((path / MARKER).read_text(encoding="utf-8")))
     except (OSError, UnicodeDecodeError):
@@ -31,21 +30,21 @@ def written_names(path: Path) -> frozenset[str] | None:
 
 @final
 class OutputDirectory:
-    """A directory that results are written to; locked as soon as it is there, until the block is left.
+    """A directory for results; locked as soon as it exists, until the block is left.
 
     Args:
         path: of the directory.
-        adopt: take it as one that results were written to, even if the marker is missing (in a copy).
+        adopt: whether a directory without a marker, such as a copy, counts as one of results.
 
     Raises:
-        InputError: on entering and in `make`: it is a file, holds what is not known to be results, another
-            process writes to it, or it cannot be written to.
+        InputError: on entering and in `make`: it is a file, has files that are not known to be results,
+            another process writes to it, or it cannot be written.
     """
 
     def __init__(self, path: Path, *, adopt: bool = False) -> None:
         self.path, self._adopt = path, adopt
         self._marker: TextIO | None = None
-        self._made_here = False
+        self._is_new = False
 
     def __enter__(self) -> "OutputDirectory":
         self._check()
@@ -62,11 +61,11 @@ class OutputDirectory:
             self._marker = None
 
     def make(self) -> None:
-        """Make and mark the directory, unless it is."""
+        """Make and mark the directory, if necessary."""
         if self._marker is not None:
             return
         try:
-            self._made_here = not self.path.exists()
+            self._is_new = not self.path.exists()
             self.path.mkdir(parents=True, exist_ok=True)
             self._check()
             self._lock()
@@ -74,15 +73,15 @@ class OutputDirectory:
             raise self._unwritable(error) from error
 
     def begin(self, name: str, text: str, *others: str) -> None:
-        """Make the directory, remove what was written here before, and write a first file.
+        """Make the directory, remove the files of the writer before, and write a first file.
 
         Args:
             name: of that file.
-            text: in it.
+            text: its content.
             others: names of files that will be written.
 
         Raises:
-            InputError: the directory cannot be made or written, or a file there was not written here; then
+            InputError: the directory cannot be made or written, or a file there is not one of results;
                 nothing was removed.
         """
         self.make()
@@ -96,17 +95,17 @@ class OutputDirectory:
             raise
 
     def discard(self) -> None:
-        """Take the marker and the directory away again, if they are new and hold nothing else."""
-        if self._made_here:
+        """Remove the marker and the directory, if they are new and there are no other files."""
+        if self._is_new:
             with suppress(OSError):
                 (self.path / MARKER).unlink()
                 self.path.rmdir()
 
     def claim(self, *names: str) -> None:
-        """Note that files are going to be written.
+        """Add files that will be written to the marker.
 
         Raises:
-            InputError: there is such a file, which was not written here or has been changed since.
+            InputError: a file with this name exists that cosim did not write, or that was changed later.
         """
         assert self._marker is not None, "make() comes before claim()"
         known = self._known()
@@ -119,7 +118,7 @@ class OutputDirectory:
             raise self._unwritable(error) from error
 
     def write(self, name: str, text: str) -> None:
-        """Write a claimed file that is not replaced once somebody has changed it.
+        """Write a claimed file; it will not be replaced if it is changed later.
 
         Raises:
             InputError: it cannot be written.
@@ -133,10 +132,10 @@ class OutputDirectory:
             raise self._unwritable(error) from error
 
     def remove_written(self) -> None:
-        """Delete the files that were written here before, with what was left half written of them.
+        """Delete the files that the marker lists, complete or not.
 
         Raises:
-            InputError: one cannot be deleted.
+            InputError: a file cannot be deleted.
         """
         try:
             for name in self._known():
@@ -151,18 +150,18 @@ class OutputDirectory:
 
     def _check(self) -> None:
         try:
-            found = sorted(path.name for path in self.path.iterdir()) if self.path.is_dir() else None
-            there = found is not None or self.path.exists()
-        except (OSError, ValueError) as error:  # longer than names may be, not permitted, or no path at all
+            names = sorted(path.name for path in self.path.iterdir()) if self.path.is_dir() else None
+            exists = names is not None or self.path.exists()
+        except (OSError, ValueError) as error:  # the name is too long, not permitted, or no path
             raise self._unwritable(error) from error
-        if found is not None:
-            if found and MARKER not in found and not self._adopt:
-                shown = ", ".join(found[:_SHOWN]) + (", ..." if len(found) > _SHOWN else "")
+        if names is not None:
+            if names and MARKER not in names and not self._adopt:
+                shown = ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
                 raise InputError(
-                    f"--out {self.path}: holds files that are not known to be results of cosim ({shown}); "
+                    f"--out {self.path}: has files that are not known to be results of cosim ({shown}); "
                     "give a new or empty directory"
                 )
-        elif there:
+        elif exists:
             raise InputError(f"--out {self.path}: is a file; give a directory")
 
     def _lock(self) -> None:
@@ -178,7 +177,7 @@ class OutputDirectory:
                 f"--out {self.path}: another process is writing there; wait for it, or give another directory"
             ) from None
         except OSError:
-            pass  # a file system without locks: better to write than not to
+            pass  # a file system without locks: results are written unlocked
         self._marker = marker
         if os.fstat(marker.fileno()).st_size == 0:
             marker.write(_HEADER)
@@ -197,7 +196,7 @@ class OutputDirectory:
             raise InputError(f"--out {path}: was not written by cosim; move it, or give another directory")
         if known[name] and sha256(path.read_bytes()).hexdigest() not in known[name]:
             raise InputError(
-                f"--out {path}: has been changed since it was written; move it, or give another directory"
+                f"--out {path}: was changed after it was written; move it, or give another directory"
             )
 
     def _unwritable(self, error: OSError | ValueError) -> InputError:
@@ -208,12 +207,12 @@ class OutputDirectory:
 
 
 def _entries(text: str) -> dict[str, set[str]]:
-    """Return the digests of each file that a marker names; none where any content will do."""
-    found: dict[str, set[str]] = {}
+    """Return the digests of each file that a marker lists; empty if the file may have any content."""
+    entries: dict[str, set[str]] = {}
     for line in text.splitlines():
         if line and not line.startswith("#"):
             name, _, digest = line.partition(" ")
             if Path(name).name != name:
-                continue  # of a file elsewhere, which nobody has written here
-            found.setdefault(name, set()).update([digest] if digest else [])
-    return found
+                continue  # a path to another directory, which cosim does not write
+            entries.setdefault(name, set()).update([digest] if digest else [])
+    return entries

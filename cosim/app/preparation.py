@@ -1,4 +1,4 @@
-"""What a run needs before its first tick: kernels, section models, the simulation itself."""
+"""Prepares a run: section models, compiled kernels, the simulation itself."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> SteppedRun:
-    """Return the simulation of a checked scenario; loads the engines, which wrong input need not wait for.
+    """Return the simulation of a checked scenario; loads the engines, so wrong input is refused earlier.
 
     Args:
         scenario: checked.
-        given: as `cosim.build.simulation.build` takes it.
+        given: arguments of `cosim.build.simulation.build`.
         further: the same, by name.
     """
     from cosim.build import simulation
@@ -32,22 +32,22 @@ def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> Stepped
 
 
 def prepared(scenario: Scenario, tell: Callable[[str], None], *, kept: KeptParts | None = None) -> Scenario:
-    """Return the scenario; the section model that it may ask for is built when this returns.
+    """Return the scenario; its section model, if it needs one, is built when this returns.
 
     Args:
         scenario: checked.
-        tell: told in one sentence, beforehand, what takes long.
-        kept: parts that may be used again; it gets those that are made here.
+        tell: called with a sentence before something takes long.
+        kept: parts that may be used again; those that are made here are added.
     """
     if scenario.fidelity == "section":
-        from cosim.build.soft_model import SoftModel  # here, as few runs build one
+        from cosim.build.soft_model import SoftModel  # here: few runs build one
 
         SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
     return scenario
 
 
 def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: KeptParts) -> ArmsScenario:
-    """Return the scenario with each arm's model built."""
+    """Return the scenario; the section model of each arm is built when this returns."""
     arms = dict[str, Scenario]()
     for name, one in scenario.arms.items():
         with of_arm(name):
@@ -56,28 +56,28 @@ def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: 
 
 
 def warm_up() -> None:
-    """Compile all kernels that a run with an arm imports, whether it calls them or not."""
-    from cosim.base.compilation import compile_modules  # here: it brings the compiler
-    from cosim.build import arm_parts, simulation  # noqa: F401  # with all that they import
+    """Compile all kernels that a run with an arm imports, called or not."""
+    from cosim.base.compilation import compile_modules  # here: it loads the compiler
+    from cosim.build import arm_parts, simulation  # noqa: F401  # with all their imports
     from cosim.recording import film_colours  # noqa: F401
-    from cosim.stepping import scene_carrier  # noqa: F401
+    from cosim.stepping import arm_carrier  # noqa: F401
 
     compile_modules(module for name, module in list(sys.modules.items()) if name.startswith("cosim."))
 
 
 def named_body(body: AnyBody | None) -> NamedBody | None:
-    """Return a copy of a body that is given in place of a scenario's soft robot, with names; None if none is.
+    """Return a named copy of a body that replaces a scenario's soft robot; None for None.
 
     Raises:
-        InputError: it cannot be simulated.
+        InputError: the body cannot be simulated.
     """
     if body is None:
         return None
-    from cosim.build.given_body import NamedBody  # here, as few runs need the film's engine so early
+    from cosim.build.given_body import NamedBody  # here: it loads the film's engine
 
-    return NamedBody.of(deepcopy(body))  # whoever gave it may write to its arrays
+    return NamedBody.of(deepcopy(body))  # the user may write to the arrays of the body
 
 
 def log(text: str) -> None:
-    """Tell whoever runs cosim from Python: by the logger "cosim", on the screen unless that is set up."""
+    """Log a text for users of Python, by the logger "cosim", which by default writes to the screen."""
     logging.getLogger("cosim").warning(text)

@@ -1,4 +1,4 @@
-"""How far a run is: as one line of text, and as an observer that shows it."""
+"""The progress of a run: as a line of text, and as observers that show it."""
 
 import sys
 import time
@@ -14,12 +14,12 @@ _BAR: Final = 24
 
 
 class ProgressLine:
-    """Draws one line that renews itself on a terminal; elsewhere one line per finished phase.
+    """Updates one line on a terminal; elsewhere writes one line per finished phase.
 
     Args:
         draw: writes a text without an end of line.
-        renews: whether what it writes to is a terminal.
-        started: `time.perf_counter()` at the start of the command; None: when the simulation has been built.
+        renews: whether it writes to a terminal.
+        started: `time.perf_counter()` at the start of the command; None: when the simulation is built.
     """
 
     def __init__(self, draw: Callable[[str], object], *, renews: bool, started: float | None = None) -> None:
@@ -39,7 +39,7 @@ class ProgressLine:
         self._started = self._seen = self._shown = time.perf_counter()
 
     def observe(self, batch: TickBatch) -> None:
-        """Take in some ticks of one phase; show them at most five times a second.
+        """Show the last of some ticks, at most five times a second.
 
         Args:
             batch: the ticks, in order.
@@ -53,12 +53,12 @@ class ProgressLine:
             self._show(end="")
 
     def close(self) -> None:
-        """Show the last state; the run has ended, one way or another."""
+        """Show the last state of the run."""
         self._show(end="\n")
 
     @property
     def _start(self) -> str:
-        """What takes the place of the line before."""
+        """Characters that erase the line before."""
         return "\r\x1b[K" if self._renews and self._last is not None else ""
 
     def _show(self, end: str) -> None:
@@ -74,10 +74,10 @@ class ProgressLine:
 
 @final
 class ProgressBar(ProgressLine):
-    """Shows how far a run is, for `cosim.run(..., observers=[cosim.ProgressBar()])`.
+    """Shows the progress of a run, for `cosim.run(..., observers=[cosim.ProgressBar()])`.
 
-    In a notebook it is one line below the cell that renews itself; elsewhere one on standard error, which
-    renews itself where that is a terminal, and else is printed once a phase.
+    In a notebook it updates one line below the cell; elsewhere it writes to standard error: on a terminal it
+    updates one line, otherwise it writes a line per phase.
     """
 
     def __init__(self) -> None:
@@ -93,7 +93,7 @@ class ProgressBar(ProgressLine):
         super().open(stage)
         self._renews = sys.stderr.isatty()
         if _is_notebook():
-            from IPython.display import display  # a notebook has it
+            from IPython.display import display  # every notebook has IPython
 
             self._renews, self._in_notebook = True, display(_as_text("..."), raw=True, display_id=True)
 
@@ -119,7 +119,7 @@ class Spent:
 
 
 def progress_line(stage: RunInfo, snapshot: Snapshot, spent: Spent, first: Snapshot) -> str:
-    """Return the text of the progress line: how far, how fast, and how long the ticks still take.
+    """Return the text of the progress line: progress, speed, and remaining time.
 
     Args:
         stage: of the run.
@@ -147,7 +147,7 @@ def clock(seconds: float) -> str:
 
 
 def _is_notebook() -> bool:
-    """Return whether a notebook's kernel runs this."""
+    """Return whether this process is a notebook's kernel."""
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython

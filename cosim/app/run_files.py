@@ -1,9 +1,5 @@
-"""The files of a run: `scenario.toml`, `summary.json`, `recording.rrd`, `arrays.parquet`, `frames.parquet`,
-`phase_ends.npz`, `checkpoint.npz`, and `camera_NAME.parquet` of each camera.
-
-A run that resumed after an interruption has a recording for each part: `recording-2.rrd` and so on; they
-belong together and open as one. So do the files of arrays, which end a part at every checkpoint as well. The
-checkpoint exists while the run can continue.
+"""The files of a run. Recording and arrays of a resumed run have several parts, `recording-2.rrd` and so on,
+which open as one; arrays begin another part at every checkpoint as well.
 """
 
 import json
@@ -16,7 +12,7 @@ from hashlib import sha256
 from itertools import count
 from pathlib import Path
 from tempfile import mkstemp
-from typing import Any, final
+from typing import Any, Final, final
 
 from cosim.app.output_directory import OutputDirectory, written_names
 from cosim.base import state_file
@@ -26,17 +22,18 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import OutputError
 from cosim.telemetry.phase_ends import PhaseEnds
 
-RECORDING = "recording.rrd"
-SCENARIO = "scenario.toml"
-SUMMARY = "summary.json"
-CHECKPOINT = "checkpoint.npz"
-ARRAYS = "arrays.parquet"
-FRAMES = "frames.parquet"
-PHASE_ENDS = "phase_ends.npz"
+RECORDING: Final = "recording.rrd"
+SCENARIO: Final = "scenario.toml"
+SUMMARY: Final = "summary.json"
+CHECKPOINT: Final = "checkpoint.npz"
+"""Exists as long as the run can be resumed."""
+ARRAYS: Final = "arrays.parquet"
+FRAMES: Final = "frames.parquet"
+PHASE_ENDS: Final = "phase_ends.npz"
 
 
 def images_file(camera: str) -> str:
-    """Return the name of the first part of a camera's pictures."""
+    """Return the name of the first part of a camera's images."""
     return f"camera_{camera}.parquet"
 
 
@@ -51,19 +48,21 @@ def check_directory(directory: Path) -> None:
     """Check that a run may be written to a directory: new, empty, or that of an earlier run.
 
     Raises:
-        InputError: it is a file, holds other things, or a run is being written there.
+        InputError: it is a file, has other files, or a run is being written there.
     """
     with OutputDirectory(directory):
         pass
 
 
 def recordings(directory: Path) -> list[Path]:
-    """Return the recordings of the run in a directory, in order; of a copy without marker, by their names."""
+    """Return the recordings of the run in a directory, in order."""
     return parts(directory, RECORDING)
 
 
 def parts(directory: Path, first: str) -> list[Path]:
-    """Return the parts of a recording or of arrays, in order; of a copy without marker, by their names.
+    """Return the parts of a recording or of arrays, in order.
+
+    In a copy without the marker of an output directory, these are all files with matching names.
 
     Args:
         directory: of a run.
@@ -81,20 +80,20 @@ def parts(directory: Path, first: str) -> list[Path]:
 
 
 def scenario_digest(scenario: Scenario) -> str:
-    """Return the SHA-256 digest of a scenario as `scenario.toml` has it."""
+    """Return the SHA-256 digest of a scenario's text in `scenario.toml`."""
     return sha256(scenario_text(scenario).encode()).hexdigest()
 
 
 @final
 class RunFiles:
-    """Writes the files of one run; an earlier run in the same directory is replaced.
+    """Writes the files of a run; an earlier run in the same directory is replaced.
 
-    Attributes: `loaded`, digests of the scenario and of the files that the run was built from, by names;
-    `out`, the directory, entered before anything is written: no other run writes to it until it is left.
+    Attributes: `loaded`, digests of the scenario and of the files that the run was built from, by name;
+    `out`, the directory, locked for other runs as long as it is entered.
 
     Args:
         directory: made if it does not exist.
-        resume: whether the run in it continues.
+        resume: whether the run there is resumed.
     """
 
     def __init__(self, directory: Path, *, resume: bool = False) -> None:
@@ -103,16 +102,16 @@ class RunFiles:
         self.out = OutputDirectory(directory, adopt=resume)
 
     def note_loaded(self, scenario: Scenario, read: Mapping[str, str]) -> None:
-        """Take in what the run was built from.
+        """Set the digests of the files that the run was built from.
 
         Args:
-            scenario: as it runs.
-            read: files that building has read, see `files_read`.
+            scenario: of the run.
+            read: digests of files that were read while building, see `files_read`.
         """
         self.loaded = {SCENARIO: scenario_digest(scenario), **read}
 
     def next_part(self, first: str) -> Path:
-        """Return the path of the next part of a recording or of arrays: the first that does not exist yet.
+        """Return the path of the next part of a recording or of arrays, the first that does not exist.
 
         Args:
             first: name of the first part, such as recording.rrd.
@@ -124,22 +123,22 @@ class RunFiles:
         return self.directory / name
 
     def begin(self, scenario: Scenario) -> None:
-        """Make the directory, remove an earlier run's files and write the resolved scenario.
+        """Make the directory, remove the files of an earlier run and write the resolved scenario.
 
         Raises:
-            InputError: the directory cannot be made or written, or a file there is not an earlier run's; then
-                nothing was removed.
+            InputError: the directory cannot be made or written, or has a file of no earlier run; nothing was
+                removed.
         """
         self.out.begin(SCENARIO, scenario_text(scenario), SUMMARY, CHECKPOINT, PHASE_ENDS)
 
-    def go_on(self) -> None:
-        """Take away the summary of the part before: the run is not over."""
+    def resume(self) -> None:
+        """Remove the summary of the interrupted run."""
         self.out.make()
         self.out.claim(SCENARIO, SUMMARY, CHECKPOINT, PHASE_ENDS)
         (self.directory / SUMMARY).unlink(missing_ok=True)
 
     def write_ends(self, ends: PhaseEnds) -> None:
-        """Write the phase ends; where they cannot be written, there are none."""
+        """Write the phase ends, if possible."""
         with suppress(OSError):
             state_file.save(self.directory / PHASE_ENDS, ends)
 
@@ -147,11 +146,11 @@ class RunFiles:
         """Write the summary; a reader sees all of it or none.
 
         Raises:
-            OutputError: it cannot be written there; the text says where it is instead.
+            OutputError: it cannot be written there; the message has the path of another copy.
         """
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         try:
-            self.directory.mkdir(parents=True, exist_ok=True)  # somebody may have taken it away
+            self.directory.mkdir(parents=True, exist_ok=True)  # it may have been removed
             write_whole(self.directory / SUMMARY, text + "\n")
         except OSError as error:
             raise OutputError(
@@ -160,7 +159,7 @@ class RunFiles:
 
 
 def _saved_elsewhere(text: str) -> str:
-    """Save a summary in the directory of temporary files; return where it is."""
+    """Write a summary to the directory of temporary files; return a text with its path."""
     try:
         number, path = mkstemp(prefix="cosim-summary-", suffix=".json")
         with os.fdopen(number, "w", encoding="utf-8") as file:

@@ -1,6 +1,5 @@
-"""A simulation that follows a robot while it moves: joints, pressures and tensions come from the robot.
-
-The robot's clock paces it: a reading of time t takes the simulation to t, by whole ticks.
+"""A simulation that follows a moving robot by readings of its joints, pressures and tensions; a reading of
+time t advances the simulation to t, by whole ticks.
 """
 
 import math
@@ -21,15 +20,15 @@ from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
 APPROACH_s: Final = 2.0
-"""Simulated time in which the simulation goes evenly to where the robot is, before it follows."""
+"""Simulated time in which the simulation moves evenly to the robot's first reading, before it follows."""
 GAP_s: Final = 0.5
-"""Of the robot's clock: across a longer one, or back, the simulation moves evenly within this time."""
+"""Time in which the simulation moves evenly across a longer gap of the robot's clock, or a step back."""
 _FIRST_s: Final = 10.0
 _ROUNDING: Final = 1e-6
 
 
 class Followed(Protocol):
-    """What steps by commands, such as `Simulation`."""
+    """A simulation that is stepped by commands, such as `Simulation`."""
 
     @property
     def stage(self) -> RunInfo:
@@ -51,7 +50,7 @@ class Prediction:
     Args:
         time_s: of the reading, on the robot's clock.
         snapshot: of the simulation: tip, sag, the wrench on the flange.
-        latency_s: from the arrival of the reading until this was there.
+        latency_s: from the arrival of the reading to this prediction.
     """
 
     time_s: float
@@ -63,12 +62,12 @@ class Prediction:
 class Twin:
     """Follows a robot; iterating yields a `Prediction` for every reading, until all streams have ended.
 
-    The simulation first goes to where the robot is, then follows every reading. Where it is slower than the
-    robot, its latency grows: take a faster model or longer ticks.
+    The simulation first moves to the robot's state, then follows every reading. If it is slower than the
+    robot, its latency grows: use a faster model or longer ticks.
 
     Args:
         simulation: a `Simulation`, of a scenario without phases (`{"phase": []}`) so that it does not end.
-        streams: texts as `open_stream` takes them, or streams; one of them has times.
+        streams: texts for `open_stream`, or streams; at least one has times.
 
     Raises:
         InputError: a stream cannot be opened, or none has a time within 10 s.
@@ -82,10 +81,10 @@ class Twin:
         self._lowest_N: dict[str, float] = {}
         self._newest = Reading()
         self.latencies_s: list[float] = []
-        """Of all predictions since the simulation had caught up with the robot."""
+        """Of all predictions since the simulation caught up with the robot."""
         self._caught_up = False
         self._tick_s = self.simulation.stage.tick_s
-        self._asked = Command()
+        self._command = Command()
         self._streams = Streams(self._tick_s)
         try:
             for stream in streams:
@@ -104,14 +103,14 @@ class Twin:
         self.close()
 
     def __iter__(self) -> Iterator[Prediction]:
-        """Yield what is predicted for every reading with a time.
+        """Yield a prediction for every reading with a time.
 
         Raises:
-            InputError: a reading asks for what cannot be, or cannot be understood.
+            InputError: a reading cannot be parsed, or has a value that is not allowed.
             SolverError: the physics could not be solved.
         """
         while (reading := self._streams.next()) is not None:
-            self._take_up(reading)
+            self._update(reading)
             if reading.time_s is None or not math.isfinite(reading.time_s):
                 continue
             self._follow(reading.time_s)
@@ -126,7 +125,7 @@ class Twin:
         self._streams.close()
 
     def __repr__(self) -> str:
-        """Return one line: how many readings it has followed, how fast, and what it could not follow."""
+        """Return one line: number of readings, latency, and readings that could not be followed."""
         line = f"{self.followed} readings followed, {self.gaps} gaps"
         if self.latencies_s:
             shown = 1e3 * np.percentile(self.latencies_s, [50.0, 99.0, 100.0])
@@ -137,11 +136,11 @@ class Twin:
 
     @property
     def notes(self) -> Mapping[str, int]:
-        """What was left out or changed of the readings, in words, with how often."""
+        """Readings that were left out or changed, in words, with their number."""
         return self._streams.left_out + self._notes
 
-    def _take_up(self, reading: Reading) -> None:
-        """Add what a reading says to what is commanded next; what a newer one has said stays."""
+    def _update(self, reading: Reading) -> None:
+        """Update the next command by a reading; values of a newer reading stay."""
         if reading.time_s is not None and not math.isfinite(reading.time_s):
             self._notes["left out: readings whose time_s is not finite"] += 1
             return
@@ -155,18 +154,18 @@ class Twin:
                 self._newest = reading
 
     def _add(self, reading: Reading) -> None:
-        joints = self._asked.joint_position if reading.joint_position is None else reading.joint_position
-        self._asked = Command(
+        joints = self._command.joint_position if reading.joint_position is None else reading.joint_position
+        self._command = Command(
             joint_position=joints,
-            pressure_Pa={**self._asked.pressure_Pa, **reading.pressure_Pa},
-            cable_tension_N={**self._asked.cable_tension_N, **reading.cable_tension_N},
+            pressure_Pa={**self._command.pressure_Pa, **reading.pressure_Pa},
+            cable_tension_N={**self._command.cable_tension_N, **reading.cable_tension_N},
         )
 
     def _usable(self, reading: Reading) -> Reading:
-        """Return a reading without what is not finite, and with tensions of 0 at least: cables do not push.
+        """Return a reading without values that are not finite, and with tensions of at least 0.
 
         Raises:
-            InputError: joints are where the arm cannot be.
+            InputError: joints are beyond the arm's bounds.
         """
         joints, arm = reading.joint_position, self.simulation.stage.arm
         if joints is not None and arm is not None:
@@ -181,7 +180,7 @@ class Twin:
         tensions = dict(self._finite(reading.cable_tension_N, "cable_tension_N"))
         for cable, tension in tensions.items():
             if isinstance(tension, int | float) and tension < 0.0:
-                self._notes[f"taken as 0: cable_tension_N of '{cable}' below 0"] += 1
+                self._notes[f"set to 0: cable_tension_N of '{cable}' below 0"] += 1
                 self._lowest_N[cable] = min(tension, self._lowest_N.get(cable, 0.0))
                 tensions[cable] = 0.0
         return replace(reading, joint_position=joints, pressure_Pa=pressures, cable_tension_N=tensions)
@@ -196,14 +195,14 @@ class Twin:
         return {name: value for name, value in values.items() if name not in lost} if lost else values
 
     def _approach(self) -> float:
-        """Go to where the robot is, and return its time."""
+        """Move to the robot's state, and return its time."""
         until = time.perf_counter() + _FIRST_s
         time_s = None
         while time_s is None:
             reading = self._streams.next(within_s=max(until - time.perf_counter(), 0.0))
             if reading is None:
                 raise InputError(f"no stream has sent a time_s within {_FIRST_s:g} s; one must")
-            self._take_up(reading)
+            self._update(reading)
             time_s = self._newest.time_s
         self._move(APPROACH_s)
         return time_s
@@ -224,11 +223,11 @@ class Twin:
         self._step(max(round(within_s / self._tick_s), 1))
 
     def _step(self, ticks: int) -> None:
-        """Step to what is commanded, and note whether the joints are too slow for it."""
-        reached, arm = self.simulation.step(self._asked, ticks=ticks), self.simulation.stage.arm
-        if arm is None or self._asked.joint_position is None:
+        """Step with the present command, and note whether the joints are too slow for it."""
+        reached, arm = self.simulation.step(self._command, ticks=ticks), self.simulation.stage.arm
+        if arm is None or self._command.joint_position is None:
             return
-        # the target of a tick is that of its begin
-        asked = np.clip(self._asked.joint_position, arm.limits.lower, arm.limits.upper)
-        if arm.limits.too_fast(asked - reached.joint_target, self._tick_s).any():
+        # the target of a tick is that of its start
+        target = np.clip(self._command.joint_position, arm.limits.lower, arm.limits.upper)
+        if arm.limits.too_fast(target - reached.joint_target, self._tick_s).any():
             self._notes["joints behind: readings faster than the arm's bounds of speed"] += 1

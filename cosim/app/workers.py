@@ -1,8 +1,6 @@
-"""Objects in their own processes, called by name: one that ends takes none of the others with it.
-
-Each process is that of an executor with one worker. A process that has ended, or that does not answer in
-time, is lost with its objects until `replace` starts another one in its place. What cannot be sent to an
-object is the failure of that object alone.
+"""Holds objects in worker processes and calls functions of them there. Each process belongs to an executor
+with one worker, so that a process that ends, or does not answer in time, is lost with its own objects alone,
+until `replace` starts another one.
 """
 
 import os
@@ -14,20 +12,23 @@ from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import connection, parent_process
 from multiprocessing.context import SpawnContext, SpawnProcess
-from typing import Any, Final, final
+from typing import Any, Final, Generic, TypeVar, final
 
 from cosim.errors import InputError, WorkerError
 
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""Of these each worker takes one: there are as many workers as anybody wants processors used."""
-_JOIN_S: Final = 5.0
+"""Environment variables that give each worker one thread: the number of workers sets how many cores work."""
 ANSWER_S: Final = 600.0
-"""Wall time within which a process has to answer a call; no step of a run takes as long."""
+"""Wall time within which a process must answer a call; no step of a run takes as long."""
+_JOIN_S: Final = 5.0
+_HELD: Final[dict[int, Any]] = {}
+"""Objects of this process, or the errors that making them raised, by number."""
+_Held = TypeVar("_Held")
 
 
 @final
 class _OneProcess(SpawnContext):
-    """Spawns the process of an executor with one worker; `process` is that."""
+    """Spawns the process of an executor with one worker, as `process`."""
 
     process: SpawnProcess
 
@@ -37,30 +38,30 @@ class _OneProcess(SpawnContext):
 
 
 @final
-class Workers:
+class Workers(Generic[_Held]):
     """Holds objects in processes, each always in the same one.
 
     Args:
-        make: returns object k; pickled, as is whatever goes to and fro.
-        count: of objects.
-        workers: processes, at least one; object k is in number k modulo their number.
-        answer_s: wall time within which a process has to answer a call [s].
+        make: returns object k; pickled, as are functions, arguments and results.
+        count: number of objects.
+        workers: number of processes, at least one; object k is in process k modulo this number.
+        answer_s: wall time within which a process must answer a call [s].
 
     Raises:
         InputError: there are no objects, or no workers.
     """
 
     def __init__(
-        self, make: Callable[[int], Any], count: int, workers: int, answer_s: float = ANSWER_S
+        self, make: Callable[[int], _Held], count: int, workers: int, answer_s: float = ANSWER_S
     ) -> None:
         if count < 1 or workers < 1:
             raise InputError(f"{count} runs in {workers} workers; there must be at least one of each")
         self.count, self._make, self._answer_s = count, make, answer_s
         self._workers = min(workers, count)
         self._lost = dict[int, WorkerError]()
-        self._begun = [self._begin(worker) for worker in range(self._workers)]
+        self._started = [self._start(worker) for worker in range(self._workers)]
 
-    def _begin(self, worker: int) -> tuple[ProcessPoolExecutor, SpawnProcess]:
+    def _start(self, worker: int) -> tuple[ProcessPoolExecutor, SpawnProcess]:
         """Start a process that makes its objects."""
         context = _OneProcess()
         executor = ProcessPoolExecutor(1, context, _hold, (self._make, self.objects_of(worker)))
@@ -69,55 +70,55 @@ class Workers:
         return executor, context.process
 
     def replace(self, objects: Iterable[int]) -> None:
-        """Start lost processes that hold some of the objects again, with all that they hold at its start.
+        """Start the lost processes of some objects again; all objects of these processes are made again.
 
         Args:
-            objects: wanted.
+            objects: their numbers.
         """
         for worker in sorted({k % self._workers for k in objects} & self._lost.keys()):
-            self._begun[worker] = self._begin(worker)
+            self._started[worker] = self._start(worker)
             del self._lost[worker]
 
     @property
     def processes(self) -> tuple[int, ...]:
-        """Number of the process of each worker."""
-        return tuple(process.pid or 0 for _, process in self._begun)
+        """Process number of each worker."""
+        return tuple(process.pid or 0 for _, process in self._started)
 
     def objects_of(self, worker: int) -> list[int]:
-        """Return which objects a worker holds."""
+        """Return the numbers of a worker's objects."""
         return list(range(worker, self.count, self._workers))
 
-    def call(self, method: str, arguments: Mapping[int, tuple[Any, ...]]) -> dict[int, Any]:
-        """Call a method of some objects, and return what each returns, or the error that it raises.
+    def call(self, function: Callable[..., Any], arguments: Mapping[int, tuple[Any, ...]]) -> dict[int, Any]:
+        """Call a function of some objects; return the result of each call, or the error that it raised.
 
         Args:
-            method: name.
-            arguments: of the call, by object; where they cannot be pickled, that object's answer says so.
+            function: of a module or class; its first argument is the object.
+            arguments: its further arguments, by object; if they cannot be pickled, the result is an error.
         """
-        packed = {k: _packed(given) for k, given in arguments.items()}
-        found: dict[int, Any] = {k: one for k, one in packed.items() if isinstance(one, Exception)}
-        asked: dict[Future[dict[int, Any]], int] = {}
+        packed = {k: _packed(values) for k, values in arguments.items()}
+        results: dict[int, Any] = {k: one for k, one in packed.items() if isinstance(one, Exception)}
+        calls: dict[Future[dict[int, Any]], int] = {}
         try:
             for worker in set(range(self._workers)) - self._lost.keys():
-                own = {k: one for k in self.objects_of(worker) if isinstance(one := packed.get(k), bytes)}
+                sent = {k: one for k in self.objects_of(worker) if isinstance(one := packed.get(k), bytes)}
                 try:
-                    if own:
-                        asked[self._begun[worker][0].submit(_called, method, own)] = worker
+                    if sent:
+                        calls[self._started[worker][0].submit(_called, function, sent)] = worker
                 except BrokenExecutor:
                     self._lose(worker)
-            answered, silent = wait(asked, self._answer_s)
-            for future in silent:
-                self._lose(asked[future], silent=True)
-            for future in answered:
+            answered, silent = wait(calls, self._answer_s)
+            for call in silent:
+                self._lose(calls[call], silent=True)
+            for call in answered:
                 try:
-                    found |= future.result()
+                    results |= call.result()
                 except BrokenExecutor:
-                    self._lose(asked[future])
-        except BaseException:  # answers that nobody has taken would be those of the next call
+                    self._lose(calls[call])
+        except BaseException:  # the next call would receive the answers to this one
             self.close()
             raise
-        lost = {k: self._lost[k % self._workers] for k in arguments if k not in found}
-        return {k: (found | lost)[k] for k in arguments}
+        lost = {k: self._lost[k % self._workers] for k in arguments if k not in results}
+        return {k: (results | lost)[k] for k in arguments}
 
     def close(self) -> None:
         """End all processes."""
@@ -126,15 +127,15 @@ class Workers:
             self._lost.setdefault(worker, WorkerError(f"worker {worker} has been closed"))
 
     def _end(self, worker: int) -> None:
-        executor, process = self._begun[worker]
+        executor, process = self._started[worker]
         process.kill()
         executor.shutdown(cancel_futures=True)
         process.join(_JOIN_S)
 
     def _lose(self, worker: int, *, silent: bool = False) -> None:
-        """End what is left of a process that has ended or, silent, that hangs or has been stopped."""
+        """Close the executor of a process that has ended, or (silent) does not answer and is killed."""
         self._end(worker)
-        process, runs = self._begun[worker][1], ", ".join(map(str, self.objects_of(worker)))
+        process, runs = self._started[worker][1], ", ".join(map(str, self.objects_of(worker)))
         code = process.exitcode
         how = f"by {signal.Signals(-code).name}" if code is not None and code < 0 else f"with code {code}"
         what = f"did not answer within {self._answer_s:g} s and was ended" if silent else f"has ended {how}"
@@ -144,21 +145,17 @@ class Workers:
         )
 
 
-_HELD: Final[dict[int, Any]] = {}
-"""Objects that this process holds."""
-
-
-def _hold(make: Callable[[int], Any], places: Iterable[int]) -> None:
+def _hold(make: Callable[[int], Any], objects: Iterable[int]) -> None:
     begin_process()
-    _HELD.update({k: _outcome(make, k) for k in places})
+    _HELD.update({k: _outcome(make, k) for k in objects})
 
 
 def begin_process() -> None:
-    """Set up a process that only works: it leaves Ctrl-C to the one that started it, and ends with it."""
+    """Set up a worker process: it ignores Ctrl-C, which its parent handles, and ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
-        # a parent that is killed cannot tell its workers, who would wait for ever
+        # a parent that is killed cannot end its workers, which would wait for ever
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
@@ -169,9 +166,9 @@ def _end_with(sentinel: int) -> None:
 
 @contextmanager
 def one_thread_each() -> Iterator[None]:
-    """Let processes that are started meanwhile take one thread each.
+    """Give processes that are started in this block one thread each.
 
-    They are told by their environment: a script that they read may import numpy before anything else.
+    Environment variables do this, as a script that the processes read may import numpy first.
     """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
@@ -186,29 +183,29 @@ def one_thread_each() -> Iterator[None]:
 
 
 def _packed(arguments: tuple[Any, ...]) -> bytes | InputError:
-    """Return arguments as they are sent, or why they cannot be."""
+    """Return pickled arguments, or the error that says why they cannot be pickled."""
     try:
         return pickle.dumps(arguments)
-    except Exception as error:  # whatever the pickling of anybody's objects raises
+    except Exception as error:  # pickling a user's objects may raise anything
         return InputError(
             f"the request cannot be sent to another process: {type(error).__name__}: {error}; "
             "give values that can be pickled"
         )
 
 
-def _called(method: str, asked: Mapping[int, bytes]) -> dict[int, Any]:
-    """Return what a method of the objects that are held here returns, or the errors that it raises."""
+def _called(function: Callable[..., Any], sent: Mapping[int, bytes]) -> dict[int, Any]:
+    """Return the results of a function of objects of this process, or the errors that it raises."""
 
-    def answer(k: int) -> Any:
+    def result(k: int) -> Any:
         if isinstance(_HELD[k], Exception):
             raise _HELD[k]
-        return getattr(_HELD[k], method)(*pickle.loads(asked[k]))
+        return function(_HELD[k], *pickle.loads(sent[k]))
 
-    return {k: _outcome(answer, k) for k in asked}
+    return {k: _outcome(result, k) for k in sent}
 
 
 def _outcome(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function returns, or the error that it raises."""
+    """Return a function's result, or the error that it raises."""
     try:
         return function(*arguments)
     except Exception as error:

@@ -1,1 +1,1 @@
-"""Error bars: how far the figures of a finished run may be off."""
+"""Error bars of a finished run."""

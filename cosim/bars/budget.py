@@ -1,4 +1,4 @@
-"""How much processor time a study may take: as long as it is asked for, or a share of what the run took."""
+"""The processor time that a study may take."""
 
 import math
 import time
@@ -6,15 +6,15 @@ from typing import final
 
 
 class TooDearError(Exception):
-    """All the processor time that a study may take is spent."""
+    """The processor time that a study may take is spent."""
 
 
 @final
 class Budget:
-    """Counts the processor time of this thread from now on.
+    """Counts the processor time of this thread.
 
     Args:
-        most_s: that may be spent; infinite: as much as it takes.
+        most_s: bound; infinite: no bound.
     """
 
     def __init__(self, most_s: float = math.inf) -> None:
@@ -26,10 +26,10 @@ class Budget:
         return time.thread_time() - self._began
 
     def check(self) -> None:
-        """Do nothing as long as something is left.
+        """Check that some time is left.
 
         Raises:
-            TooDearError: nothing is.
+            TooDearError: it is spent.
         """
         if self.spent_s > self.most_s:
             raise TooDearError

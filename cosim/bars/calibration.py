@@ -1,7 +1,6 @@
-"""By what differences of two meshes are multiplied to bound the error of the coarser one.
-
-Two meshes may agree by chance: so some figures have a lower bound that follows from the differences of
-others. How the factors were found: docs/run_error.md.
+"""Factors on differences of two meshes that bound the error of the coarser one. Two meshes may agree by
+chance, so some figures have a lower bound by the differences of others. docs/run_error.md describes the
+calibration.
 """
 
 import math
@@ -18,20 +17,20 @@ from cosim.soft.body.loads import Loads
 FINGER_SIDES: Final = 4
 FIGURES: Final = ("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain")
 TICK_FACTOR: Final = 2.2
-"""By which the error of the swings is multiplied: the frequencies have not always been those of the end."""
+"""Factor on the error of oscillations, whose frequencies differ from those at the end of a phase."""
 _OF_SHAPE: Final = 0.5
-"""Share of the differences of tip and volume that sag, length and tensions are off by: theirs may vanish."""
+"""Least error of sag, length and tensions over the differences of tip and volume; their own may vanish."""
 _OF_TENSION: Final = 0.1
-"""Of a tension that was found: it is off by at least that much."""
+"""Least relative error of a tension."""
 
 
 @final
 @dataclass(frozen=True)
 class Calibration:
-    """How the difference of two meshes bounds the error of the coarser one; docs/run_error.md.
+    """Factors from the difference of two meshes to the error of the coarser one; see docs/run_error.md.
 
     Args:
-        factors: by which differences are multiplied, one for each of `FIGURES`.
+        factors: one for each of `FIGURES`.
         of_volume: whether a difference of volumes bounds those of tip, sag and length.
     """
 
@@ -41,11 +40,11 @@ class Calibration:
 
 GRADED: Final = Calibration(dict(zip(FIGURES, (2.5, 2.3, 2.4, 2.8, 1.5, 1.5), strict=True)), True)
 DRAWN: Final = Calibration(dict(zip(FIGURES, (1.7, 1.7, 1.7, 1.5, 1.5, 1.9), strict=True)), False)
-"""Of square units on the drawn mesh with refined holes, as fingers have: it lacks volume, not reach."""
+"""For square units on the drawn mesh with refined holes, as of fingers: it lacks volume, not reach."""
 
 
 def calibration_of(scenario: Scenario) -> Calibration:
-    """Return the calibration that holds for the mesh of a scenario."""
+    """Return the calibration for the mesh of a scenario."""
     robot = scenario.soft_robot
     if not isinstance(robot, SoftRobotTable) or robot.stack is None or robot.attachments:
         return GRADED
@@ -54,35 +53,37 @@ def calibration_of(scenario: Scenario) -> Calibration:
     return DRAWN if finger_mesh and stack.sides == FINGER_SIDES else GRADED
 
 
-def apart(away: dict[str, float], here: dict[str, Any], calibration: Calibration) -> dict[str, float]:
-    """Return how far figures are taken to be apart on two meshes.
+def bounded(
+    difference: dict[str, float], figures: dict[str, Any], calibration: Calibration
+) -> dict[str, float]:
+    """Return differences of two meshes, not below their lower bounds.
 
-    A coarse mesh holds too little gas, whichever way that moves the tip. Tip, sag and length are off by at
-    least half of max(|tip|, length |dV| / V), or of |tip|.
-
-    Args:
-        away: how far they were found apart.
-        here: on the run's mesh, its length [m] and volume [m^3].
-        calibration: says which.
-    """
-    counts = calibration.of_volume and here["volume_m3"] > 0.0
-    filled = here["length_m"] * away["volume_m3"] / here["volume_m3"] if counts else 0.0
-    least = _OF_SHAPE * max(away["tip_m"], filled)
-    return away | {key: max(away[key], least) for key in ("tip_m", "sag_m", "length_m")}
-
-
-def tension_apart(most_N: float, away_N: float, of_tip_N: float) -> float:
-    """Return how far the tensions for a target are taken to be apart on two meshes [N].
-
-    Near the free height two meshes may agree by chance, though their tips do not. What each of three asks
-    for is added as independent errors are: root of the sum of squares.
+    A coarse mesh has too little volume, which may move the tip in any direction. Tip, sag and length differ
+    by at least half of max(|tip|, length |dV| / V), or of |tip|.
 
     Args:
-        most_N: the largest, on the run's mesh.
-        away_N: difference of what was found on both.
-        of_tip_N: what makes good for the difference of the tips under equal tensions, slope times difference.
+        difference: of each figure.
+        figures: on the run's mesh, with length [m] and volume [m^3].
+        calibration: of the mesh.
     """
-    return math.hypot(away_N, _OF_SHAPE * of_tip_N, _OF_TENSION * most_N)
+    of_volume = calibration.of_volume and figures["volume_m3"] > 0.0
+    filled = figures["length_m"] * difference["volume_m3"] / figures["volume_m3"] if of_volume else 0.0
+    least = _OF_SHAPE * max(difference["tip_m"], filled)
+    return difference | {key: max(difference[key], least) for key in ("tip_m", "sag_m", "length_m")}
+
+
+def bounded_tension(most_N: float, difference_N: float, of_tip_N: float) -> float:
+    """Return the difference of the tensions for a target on two meshes, with lower bounds [N].
+
+    Near the free height two meshes may agree by chance, though their tips do not. The difference and both
+    bounds are added as independent errors: root of the sum of squares.
+
+    Args:
+        most_N: largest tension on the run's mesh.
+        difference_N: of the tensions on both meshes.
+        of_tip_N: tension that moves the tip by its difference under equal tensions: slope times difference.
+    """
+    return math.hypot(difference_N, _OF_SHAPE * of_tip_N, _OF_TENSION * most_N)
 
 
 def tension_difference(one: Loads, other: Loads) -> float:

@@ -1,22 +1,14 @@
-"""The states at rest at the ends of phases, on the run's mesh and on that refined once.
-
-Rings that a phase holds are held where the refined mesh has them when they are first held: that state is
-solved before. Where no state at rest is found near that of the run, it is followed from the end of the phase
-before. A section model is compared with the film that it was condensed from, which is brought to rest first.
+"""The states at rest at the ends of phases, on the run's mesh and on the mesh refined once. Held rings have
+the positions of the refined mesh at the time when they are first held. If no state at rest is found near that
+of the run, it is found by continuation from the phase before. A section model is compared with its film at
+rest.
 """
 
 from dataclasses import replace
 from typing import Final, final
 
 from cosim.bars.budget import Budget
-from cosim.bars.finer_mesh import (
-    ITERATIONS_MAX,
-    NOTHING_PRESSES,
-    PATIENCE,
-    FinerMesh,
-    Pair,
-    least_out_of_balance,
-)
+from cosim.bars.finer_mesh import ITERATIONS_MAX, NO_FILM_CONTACT, PATIENCE, FinerMesh, Pair, better_start
 from cosim.bars.source_film import SourceFilm
 from cosim.build.soft_model import SoftModel
 from cosim.coupling.robots.beam_robot import BeamRobotState
@@ -26,16 +18,16 @@ from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 from cosim.telemetry.phase_ends import PhaseEnd
 
 _SHORT: Final = 60
-"""Iterations of each try on the refined mesh unasked: where a state is near, it is found in some ten."""
+"""Iterations of each search on the refined mesh by default: a state that is near is found in about ten."""
 
 
 def at_rest(side: FilmRobot, state: FilmRobotState, start: SoftState | None = None) -> Equilibrium:
-    """Return where a body that has stopped at a state of its run comes to rest; it is held as there then.
+    """Return the equilibrium near a state of the run, and set its clamp.
 
     Args:
         side: the body.
         state: of the run.
-        start: near it; None: the state itself.
+        start: near that state; None: the state itself.
 
     Raises:
         ConvergenceError: no equilibrium was found near it.
@@ -48,16 +40,16 @@ def at_rest(side: FilmRobot, state: FilmRobotState, start: SoftState | None = No
 
 @final
 class RestingStates:
-    """Finds the states at rest at the ends of a run's phases, each once.
+    """Solves the states at rest at the ends of a run's phases, each once.
 
-    Attributes: `side`, the film on the run's mesh; `source`, of a run with a section model that film and the
-    chain, else None; `pairs`, what is known.
+    Attributes: `side`, the film on the run's mesh; `source`, film and chain of a run with a section model,
+    otherwise None; `pairs`, the known states at rest, by phase end.
 
     Args:
         model: of the run's soft robot.
         ends: of its phases.
         budget: of the searches.
-        thorough: whether the refined mesh is searched for long where no state at rest is near.
+        thorough: whether searches on the refined mesh may take many iterations.
 
     Raises:
         InputError: the ends are of another soft robot.
@@ -97,10 +89,10 @@ class RestingStates:
 
     @property
     def mesh(self) -> FinerMesh:
-        """The refined mesh, built when it is first asked for.
+        """The refined mesh, built on first access.
 
         Raises:
-            MeshError: it is not that of the same body.
+            MeshError: it is not a mesh of the same body.
         """
         if self._mesh is None:
             most = ITERATIONS_MAX if self._thorough else _SHORT
@@ -110,105 +102,105 @@ class RestingStates:
 
     @property
     def iterations(self) -> int:
-        """Of Newton's method on the refined mesh."""
+        """Iterations of Newton's method on the refined mesh."""
         return 0 if self._mesh is None else self._mesh.iterations
 
-    def film(self, place: int) -> FilmRobotState:
-        """Return the film at a phase end; that of a section model in the shape of its chain."""
-        state = self.ends[place].state
+    def film(self, index: int) -> FilmRobotState:
+        """Return the film at a phase end, for a section model in the shape of its chain."""
+        state = self.ends[index].state
         if isinstance(state, BeamRobotState):
             assert self.source is not None, "only a run with a section model has such states"
-            if place not in self._films:
-                self._films[place] = self.source.state(state)
-            return self._films[place]
-        assert isinstance(state, FilmRobotState), "other models keep none"
+            if index not in self._films:
+                self._films[index] = self.source.state(state)
+            return self._films[index]
+        assert isinstance(state, FilmRobotState), "other models have no such states"
         return state
 
-    def pair(self, place: int) -> Pair | None:
-        """Return the states at rest at a phase end; None where it is not known how it is held.
+    def pair(self, index: int) -> Pair | None:
+        """Return the states at rest at a phase end; None if the clamp of the refined mesh is unknown.
 
         Raises:
             ConvergenceError: no equilibrium was found near that of the run.
-            TooDearError: it is not there yet, and all that it may cost is spent.
+            TooDearError: the processor time is spent.
         """
-        if place not in self.pairs:
+        if index not in self.pairs:
             self._budget.check()
-            held = self._held(place)
+            held = self._held(index)
             if held is None:
                 return None
-            self.pairs[place] = self._solved(place, *held)
-        return self.pairs[place]
+            self.pairs[index] = self._solved(index, *held)
+        return self.pairs[index]
 
-    def _held(self, place: int) -> tuple[Clamp, Pair | None] | None:
-        """Return what holds the refined mesh at a phase end, and a pair whose difference may be taken along.
+    def _held(self, index: int) -> tuple[Clamp, Pair | None] | None:
+        """Return the clamp of the refined mesh at a phase end, and a pair whose difference may be added.
 
-        None where that is not known. What an earlier phase began to hold is held where that phase began.
+        None if the clamp is unknown. Nodes are held at their positions when they were first held.
         """
-        film = self.film(place)
+        film = self.film(index)
         if film.clamp.holds_as(Clamp.of_base(self.side.body)):
             return self.mesh.clamp(film.clamp), None
-        others = (k for k in range(place, -1, -1) if not self.film(k).clamp.holds_as(film.clamp))
+        others = (k for k in range(index, -1, -1) if not self.film(k).clamp.holds_as(film.clamp))
         since = next(others, -1)
         before = self.pair(since) if since >= 0 and not self.ends[since].why_not else None
         if before is None:
             return None
-        along = before if self.ends[place - 1].why_not else self.pair(place - 1)
-        return self.mesh.clamp(film.clamp, before), along
+        other = before if self.ends[index - 1].why_not else self.pair(index - 1)
+        return self.mesh.clamp(film.clamp, before), other
 
-    def _solved(self, place: int, clamp: Clamp, along: Pair | None) -> Pair:
-        rest = self._at_rest(place)
+    def _solved(self, index: int, clamp: Clamp, other: Pair | None) -> Pair:
+        rest = self._at_rest(index)
         try:
-            finer = self.mesh.at_rest(clamp, rest, along)
+            finer = self.mesh.at_rest(clamp, rest, other)
         except ConvergenceError:
-            earlier = self._earlier(place)
+            earlier = self._earlier(index)
             if earlier is None:
                 raise
             finer = self.mesh.followed(clamp, rest, earlier.finer)
         return Pair(rest, finer, clamp)
 
-    def _at_rest(self, place: int) -> Equilibrium:
+    def _at_rest(self, index: int) -> Equilibrium:
         """Return the film at rest at a phase end.
 
-        The film that a bent chain draws may have folds that no film has: then it is followed there.
+        The shape of a bent chain may have folds of the film; then it is found by continuation.
 
         Raises:
             ConvergenceError: no equilibrium was found near that of the run.
         """
-        side, film = self.side, self.film(place)
+        side, film = self.side, self.film(index)
         try:
-            return at_rest(side, film, self._start(place))
+            return at_rest(side, film, self._start(index))
         except ConvergenceError:
-            earlier = None if self.source is None else self._earlier(place)
+            earlier = None if self.source is None else self._earlier(index)
             if earlier is None:
                 raise
             side.commit(earlier.rest)
             return side.follow(earlier.rest, film.flange, film.loads)
 
-    def _start(self, place: int) -> SoftState | None:
-        """Return where a film that a chain has drawn begins; None of a run with a film.
+    def _start(self, index: int) -> SoftState | None:
+        """Return the start of a film in the shape of a chain; None for a run with a film.
 
-        What the film at rest was off the chain one phase earlier may be taken along.
+        The difference of film and chain one phase earlier may be added.
         """
         if self.source is None:
             return None
-        side, film, earlier = self.side, self.film(place), self.pairs.get(place - 1)
+        side, film, earlier = self.side, self.film(index), self.pairs.get(index - 1)
         if not film.clamp.holds_as(side.clamp):
             side.hold(film.clamp)
         starts = [film.soft]
         if earlier is not None:
-            before = self.film(place - 1)
+            before = self.film(index - 1)
             turn = film.flange.rotation @ before.flange.rotation.T
-            away = (earlier.rest.state.positions - before.soft.positions) @ turn.T
-            starts.append(SoftState.at_rest(film.soft.positions + away, earlier.rest.state.memory))
-        start = least_out_of_balance(side, starts, film.flange, film.loads)
+            difference = (earlier.rest.state.positions - before.soft.positions) @ turn.T
+            starts.append(SoftState.at_rest(film.soft.positions + difference, earlier.rest.state.memory))
+        start = better_start(side, starts, film.flange, film.loads)
         presses = side.films is not None and side.films.press_at_rest(start.positions)
-        return replace(start, touching=NOTHING_PRESSES) if presses else start
+        return replace(start, touching=NO_FILM_CONTACT) if presses else start
 
-    def _earlier(self, place: int) -> Pair | None:
-        """Return the states at rest one phase earlier, if the film was held in the same way."""
-        if not place or self.ends[place - 1].why_not:
+    def _earlier(self, index: int) -> Pair | None:
+        """Return the states at rest one phase earlier, if the film had the same clamp."""
+        if not index or self.ends[index - 1].why_not:
             return None
-        if not self._thorough and place - 1 not in self.pairs:
+        if not self._thorough and index - 1 not in self.pairs:
             return None
-        clamps = [self.film(k).clamp for k in (place - 1, place)]
-        return self.pair(place - 1) if clamps[0].holds_as(clamps[1]) else None
+        clamps = [self.film(k).clamp for k in (index - 1, index)]
+        return self.pair(index - 1) if clamps[0].holds_as(clamps[1]) else None

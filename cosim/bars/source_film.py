@@ -1,6 +1,5 @@
-"""The film that a run's section model was condensed from: the error of the model is how far both are apart.
-
-At the end of a phase the film is put into the chain's shape, and both come to rest under the same loads.
+"""The film of a run's section model. At the end of a phase, film and chain come to rest under the same loads;
+the error of the model is their difference.
 """
 
 from dataclasses import replace
@@ -16,11 +15,11 @@ from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
 
 @final
 class SourceFilm:
-    """Puts the film where the chain is.
+    """Sets the film in the shape of the chain.
 
     Args:
         chain: of the run.
-        film: new, on the mesh that its sections were condensed from.
+        film: new, on the mesh of the section model.
     """
 
     def __init__(self, chain: beam_robot.BeamRobot, film: film_robot.FilmRobot) -> None:
@@ -28,7 +27,7 @@ class SourceFilm:
         self._clamps: list[tuple[FrameClamp, Clamp]] = []
 
     def state(self, saved: beam_robot.BeamRobotState) -> film_robot.FilmRobotState:
-        """Return the film in the shape of a chain: rings that are held there are held as they are."""
+        """Return the film in the shape of a chain, with the same rings held."""
         chain, film = self.chain, self.film
         chain.full_state = saved
         shape = chain.state.positions
@@ -37,7 +36,7 @@ class SourceFilm:
         return replace(film.full_state, soft=soft, flange=saved.flange, loads=saved.loads)
 
     def _clamp(self, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
-        """Return what holds the film as some frames are held; the same one for the same frames."""
+        """Return the clamp of the film for held frames; the same object for the same frames."""
         for known, clamp in self._clamps:
             if np.array_equal(known.held, frames.held) and np.array_equal(known.offsets, frames.offsets):
                 return clamp
@@ -46,7 +45,7 @@ class SourceFilm:
         return clamp
 
     def chain_at_rest(self, saved: beam_robot.BeamRobotState) -> Equilibrium:
-        """Return where the chain comes to rest, with the loads of a state; it is there then.
+        """Return the chain's equilibrium near a saved state, with its loads, and set it.
 
         Raises:
             ConvergenceError: no equilibrium was found near it.
@@ -54,6 +53,6 @@ class SourceFilm:
         chain = self.chain
         chain.full_state = saved
         begin = SoftState.at_rest(chain.state.positions, chain.state.memory)
-        found = chain.solve(begin, saved.flange, saved.loads)
-        chain.commit(found)
-        return found
+        rest = chain.solve(begin, saved.flange, saved.loads)
+        chain.commit(rest)
+        return rest

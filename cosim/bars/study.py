@@ -1,11 +1,8 @@
-"""How far the figures at the ends of a finished run's phases may be off, by mesh, tick and solver.
-
-Mesh: the state at rest under the loads of the phase's end is found on the run's mesh and on that refined
-once; their difference, times a factor that was calibrated (docs/run_error.md). Tensions that a target was
-reached with are searched for again on both. Section models: besides, the difference of the chain at rest to
-the film that it was condensed from; what follows is of that film, and of no ticks. Tick: see `Swings`.
-Solver: a residual of the tolerance in each component, independent of one another, moves the tip by
-tolerance |K^-1 g|, g the tip's gradient.
+"""Error bars of the figures at the ends of a finished run's phases, by mesh, tick and solver. Mesh:
+difference of the states at rest on the run's mesh and on the mesh refined once, times a calibrated factor
+(docs/run_error.md); tensions for a target are searched for on both. Section model: difference of the chain at
+rest from its film, in addition. Tick: see `Swings`. Solver: independent residuals of the tolerance move the
+tip by tolerance |K^-1 g|, with g the tip's gradient.
 """
 
 import math
@@ -20,13 +17,14 @@ from cosim.bars.budget import Budget, TooDearError
 from cosim.bars.calibration import (
     FIGURES,
     TICK_FACTOR,
-    apart,
+    bounded,
+    bounded_tension,
     calibration_of,
-    tension_apart,
     tension_difference,
 )
 from cosim.bars.finer_mesh import Pair
 from cosim.bars.resting import RestingStates
+from cosim.bars.shape_figures import differences, shape_figures
 from cosim.bars.source_film import SourceFilm
 from cosim.bars.swings import Modes, Swings, tip_pulls
 from cosim.base.kept_parts import KeptParts
@@ -38,161 +36,133 @@ from cosim.coupling.robots.beam_robot import BeamRobotState
 from cosim.coupling.robots.film_robot import FilmRobot, FilmRobotState
 from cosim.errors import ConvergenceError, MeshError, OutOfRangeError, UnreachableError
 from cosim.plan.tip_targets import wanted_tip
-from cosim.soft.beams.beam_rings import stiffener_strain
 from cosim.soft.solve import tip_target
 from cosim.soft.solve.state import Equilibrium
 from cosim.telemetry.phase_ends import PhaseEnd, PhaseEnds
 from cosim.telemetry.run_errors import RunErrors
 
-SHARE: Final = 0.25
-"""Of the run's processor time, that of all phases at most; else it is the last one alone."""
+FRACTION: Final = 0.25
+"""Largest processor time of all phases over that of the run; if it takes more, only the last has bars."""
 _MOST: Final = 4.0
-"""Times as much, that of the last phase at most."""
+"""Largest processor time of the last phase, over that of all phases."""
 LEAST_s: Final = 3.0
-"""That may be spent on any run."""
+"""Processor time that is allowed for any run."""
 _SECTION_s: Final = 15.0
-"""The same of a section model, which always takes less than its film."""
+"""The same for a section model, whose run takes less than that of its film."""
 FILM_NODES_MAX: Final = 2500
-"""Of the film of a section model: with more, a phase takes 10 s and longer, a run a second or two."""
+"""Nodes of a section model's film: with more, a phase takes at least 10 s, and the run a second or two."""
 _USUAL_s: Final = 2e-4
 """Processor time of a phase end, for each node of the run's mesh."""
 _TOLD_ABOVE_s: Final = 1.0
-_ELSEWHERE: Final = 0.6
-"""Of the length: farther away, the refined mesh is on another branch."""
+_OTHER_BRANCH: Final = 0.6
+"""Distance of the tips over the length, above which the refined mesh is on another branch."""
 _NOT_AT_REST: Final = "no state at rest was found near its end, on the run's mesh or on the refined one"
 _HELD: Final = "rings are held where the run's mesh had them, which on the refined mesh is not known"
 _ONLY_LAST: Final = "only of the last phase and those it needs, as more would cost over a quarter of the run"
-_TOO_DEAR: Final = "it would cost more than the run; --error works it out all the same"
-
-
-def shape_figures(side: FilmRobot, shape: Any, flange: tuple[Any, Any]) -> dict[str, Any]:
-    """Return tip (3,) [m], sag, length [m], volume [m^3], largest strain of the stiffeners, None without.
-
-    Args:
-        side: whose body it is.
-        shape: (n, 3) [m].
-        flange: its origin (3,) [m] and z axis (3,).
-    """
-    found = side.shape_reader().figures([shape])
-    strain = stiffener_strain(side.body, shape)
-    return {
-        "tip_m": found.tip_position[0],
-        "sag_m": float(found.sag_m(flange[0][None], flange[1][None])[0]),
-        "length_m": float(found.center_line_m[0]),
-        "volume_m3": float(found.volumes_m3[0].sum()),
-        "peak_strain": None if strain is None else strain.peak,
-    }
-
-
-def differences(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
-    """Return how far the figures of two shapes are apart, those that both have."""
-    return {
-        key: float(np.linalg.norm(np.subtract(value, other[key])))
-        for key, value in one.items()
-        if value is not None and other[key] is not None
-    }
+_TOO_DEAR: Final = "it would cost more than the run; --error computes it nevertheless"
 
 
 def find_bars(
     scenario: Scenario,
-    kept: PhaseEnds,
+    phase_ends: PhaseEnds,
     tell: Callable[[str], None],
     *,
     everywhere: bool,
     parts: KeptParts | None = None,
 ) -> RunErrors:
-    """Return the error bars of a run: at all phase ends, or at the last where that would cost much of it.
+    """Return the error bars of a run: at all phase ends, or only at the last if that would cost too much.
 
     Args:
         scenario: of the run.
-        kept: of the run.
-        tell: told in a sentence if it takes more than a second.
-        everywhere: at all phase ends, whatever it costs.
+        phase_ends: of the run.
+        tell: called with a sentence if it takes more than a second.
+        everywhere: whether all phase ends have bars, at any cost.
         parts: that may be used again.
 
     Raises:
         InputError: the phase ends are of another soft robot.
     """
-    began, share_s = time.perf_counter(), SHARE * kept.cpu_s
+    began, allowed_s = time.perf_counter(), FRACTION * phase_ends.cpu_s
     if isinstance(scenario.soft_robot, GivenBodyTable):
         return RunErrors(reason="the soft robot is given as arrays, which cannot be refined")
-    if scenario.fidelity == "rigid" or not kept.ends:
+    if scenario.fidelity == "rigid" or not phase_ends.ends:
         frozen = scenario.fidelity == "rigid"
         return RunErrors(reason="the shape is frozen" if frozen else "the run ended before a phase did")
     model = SoftModel(scenario, KeptParts() if parts is None else parts, None, tell)
-    if not everywhere and (why := _too_dear(model, share_s)):
+    if not everywhere and (why := _too_dear(model, allowed_s)):
         return RunErrors(reason=why)
     least_s = LEAST_s if model.section is None else _SECTION_s
-    budget = Budget(math.inf if everywhere else max(_MOST * share_s, least_s))
-    study, reason = ErrorStudy(scenario, model, kept, budget), None
-    if len(kept.ends) * _USUAL_s * model.body.nodes > _TOLD_ABOVE_s:
-        tell("Working out how far the figures may be off")
+    budget = Budget(math.inf if everywhere else max(_MOST * allowed_s, least_s))
+    study, reason = ErrorStudy(scenario, model, phase_ends, budget), None
+    if len(phase_ends.ends) * _USUAL_s * model.body.nodes > _TOLD_ABOVE_s:
+        tell("Computing error bars")
     try:
-        reason = study.find(math.inf if everywhere else share_s)
+        reason = study.find(math.inf if everywhere else allowed_s)
     except MeshError as error:
         reason = str(error)
-    return RunErrors(study.found, reason, study.states.iterations, time.perf_counter() - began)
+    return RunErrors(study.bars, reason, study.states.iterations, time.perf_counter() - began)
 
 
-def _too_dear(model: SoftModel, share_s: float) -> str:
-    """Return why even one phase end is too dear unasked; empty if it is not.
+def _too_dear(model: SoftModel, allowed_s: float) -> str:
+    """Return why even one phase end takes too long by default; empty if it does not.
 
     Args:
         model: of the soft robot.
-        share_s: processor time that all phase ends may take.
+        allowed_s: processor time that all phase ends may take.
     """
     nodes = model.body.nodes
     if model.section is None:
-        return _TOO_DEAR if _USUAL_s * nodes > max(_MOST * share_s, LEAST_s) else ""
+        return _TOO_DEAR if _USUAL_s * nodes > max(_MOST * allowed_s, LEAST_s) else ""
     if nodes <= FILM_NODES_MAX:
         return ""
-    return f"with a film of {nodes} nodes it takes 10 s and longer; --error works it out all the same"
+    return f"with a film of {nodes} nodes it takes 10 s and longer; --error computes it nevertheless"
 
 
 @final
 class ErrorStudy:
-    """Works out the error bars of a finished run.
+    """Computes the error bars of a finished run.
 
-    Attributes: `states`, those at rest; `found`, the bars by the phase's index, see `RunErrors`.
+    Attributes: `states`, at rest; `bars`, by the phase's index, see `RunErrors`.
 
     Args:
         scenario: of the run.
         model: of its soft robot, which has a refined mesh.
-        kept: of the run.
+        phase_ends: of the run.
         budget: of all searches.
     """
 
-    def __init__(self, scenario: Scenario, model: SoftModel, kept: PhaseEnds, budget: Budget) -> None:
+    def __init__(self, scenario: Scenario, model: SoftModel, phase_ends: PhaseEnds, budget: Budget) -> None:
         self._scenario, self._budget = scenario, budget
-        self.states = RestingStates(model, kept.ends, budget, thorough=math.isinf(budget.most_s))
-        self.found: dict[int, dict[str, Any]] = {}
+        self.states = RestingStates(model, phase_ends.ends, budget, thorough=math.isinf(budget.most_s))
+        self.bars: dict[int, dict[str, Any]] = {}
         self._swings: Swings | None = None
-        if len(kept.moments):
+        if len(phase_ends.moments):
             body, options = self.states.side.body, dynamic_options(scenario)
-            self._swings = Swings(body, kept.moments, scenario.clock.tick_s, options)
+            self._swings = Swings(body, phase_ends.moments, scenario.clock.tick_s, options)
 
-    def find(self, share_s: float) -> str | None:
-        """Find the bars from the last phase to the first; return why phases are left out, None: none is.
+    def find(self, allowed_s: float) -> str | None:
+        """Compute the bars from the last phase to the first; return why phases are left out; None if none is.
 
         Args:
-            share_s: processor time that all phases may take; else it is the last alone, with those it needs.
+            allowed_s: processor time of all phases; if they take more, only the last and those it needs have
+                bars.
 
         Raises:
-            MeshError: the refined mesh is not that of the same body.
+            MeshError: the refined mesh is not a mesh of the same body.
         """
         ends, states, dear = self.states.ends, self.states, False
-        for place in reversed(range(len(ends))):
-            if len(self.found) == 1:
-                dear = self._budget.spent_s / max(1, len(states.pairs)) * len(ends) > share_s
-            if not dear or place in states.pairs:  # what the last one has needed is there
-                self.found[ends[place].phase] = self._of(place)
-        return _ONLY_LAST if len(self.found) < len(ends) else None
+        for index in reversed(range(len(ends))):
+            if len(self.bars) == 1:
+                dear = self._budget.spent_s / max(1, len(states.pairs)) * len(ends) > allowed_s
+            if not dear or index in states.pairs:  # states that the last one needed are known
+                self.bars[ends[index].phase] = self._of(index)
+        return _ONLY_LAST if len(self.bars) < len(ends) else None
 
-    def _of(self, place: int) -> dict[str, Any]:
+    def _of(self, index: int) -> dict[str, Any]:
         """Return the bars of a phase's end with their parts, or the reason why the end has no bar."""
         none: dict[str, Any] = dict.fromkeys(FIGURES)
         try:
-            parts, why_not = self._compared(place)
+            parts, why_not = self._compared(index)
         except ConvergenceError:
             parts, why_not = {}, _NOT_AT_REST
         except TooDearError:
@@ -202,78 +172,85 @@ class ErrorStudy:
         bars = {key: sum(part.get(key, 0.0) for part in parts.values()) for key in parts["of_mesh"]}
         return none | bars | parts | {"reason": None}
 
-    def _compared(self, place: int) -> tuple[dict[str, Any], str]:
-        """Return the parts of the bars; or why there are none.
+    def _compared(self, index: int) -> tuple[dict[str, Any], str]:
+        """Return the parts of the bars, or why there are none.
 
         Raises:
             ConvergenceError: there is no state at rest near that of the run.
-            TooDearError: all that it may cost is spent before.
+            TooDearError: the processor time is spent.
         """
-        end, states = self.states.ends[place], self.states
-        pair = None if end.why_not else states.pair(place)
+        end, states = self.states.ends[index], self.states
+        pair = None if end.why_not else states.pair(index)
         if pair is None:
             return {}, end.why_not or _HELD
-        side, mesh, film = states.side, states.mesh, states.film(place)
+        side, mesh, film = states.side, states.mesh, states.film(index)
         if not film.clamp.holds_as(side.clamp):
             side.hold(film.clamp)
         mesh.hold(pair.clamp)
-        frame = (film.flange.translation, film.flange.rotation[:, 2])
-        here = shape_figures(side, pair.rest.state.positions, frame)
-        away = differences(here, shape_figures(mesh.side, pair.finer.state.positions, frame))
+        figures = shape_figures(side, pair.rest.state.positions, film.flange)
+        difference = differences(figures, shape_figures(mesh.side, pair.finer.state.positions, film.flange))
         if pair.rest.negative_pivots or pair.finer.negative_pivots:
             return {}, "the state at rest near its end is unstable"
-        if away["tip_m"] > _ELSEWHERE * here["length_m"]:
+        if difference["tip_m"] > _OTHER_BRANCH * figures["length_m"]:
             return {}, "the refined mesh comes to rest on another branch, far away"
-        wanted, calibration = self._wanted(end), calibration_of(self._scenario)
-        away = apart(away, here, calibration) | self._of_tension(wanted, pair, away["tip_m"])
+        target, calibration = self._target(end), calibration_of(self._scenario)
+        of_tension = self._of_tension(target, pair, difference["tip_m"])
+        difference = bounded(difference, figures, calibration) | of_tension
         parts: dict[str, Any] = {}
         if states.source is not None:
-            parts["of_section"] = self._of_section(states.source, end.state, here, wanted, pair)
+            parts["of_section"] = self._of_section(states.source, end.state, figures, target, pair)
         return parts | {
-            "of_mesh": {key: calibration.factors[key] * value for key, value in away.items()},
+            "of_mesh": {key: calibration.factors[key] * value for key, value in difference.items()},
             "of_tick": {} if self._swings is None else self._of_tick(self._swings, end.tick, film, pair.rest),
             "of_solver": dict.fromkeys(("tip_m", "sag_m", "length_m"), self._of_solver(side, pair.rest)),
         }, ""
 
-    def _wanted(self, end: PhaseEnd) -> tip_target.TipTarget | None:
-        """Return the target that cables bring the tip to in a phase, if there is one."""
+    def _target(self, end: PhaseEnd) -> tip_target.TipTarget | None:
+        """Return the tip's target of a phase, if cables reach it."""
         target = self._scenario.phases[end.phase].tip_target
         return wanted_tip(target) if target is not None and target.reach_with == "cables" else None
 
-    def _of_tension(self, wanted: tip_target.TipTarget | None, pair: Pair, tip_m: float) -> dict[str, float]:
-        """Return how far the tensions are apart that a phase's target is reached with on both meshes."""
-        if wanted is None:
+    def _of_tension(self, target: tip_target.TipTarget | None, pair: Pair, tip_m: float) -> dict[str, float]:
+        """Return the difference of the tensions that reach a phase's target on both meshes."""
+        if target is None:
             return {}
         side, finer = self.states.side, self.states.mesh.side
         with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
-            here = side.find_tensions(pair.rest, wanted).loads
-            there = finer.find_tensions(pair.finer, wanted).loads
-            slope = side.tension_slope(pair.rest, wanted)
-            most_N, away_N = max(here.cable_tension_N), tension_difference(here, there)
-            return {"cable_tension_N": tension_apart(most_N, away_N, slope * tip_m)}
+            loads = side.find_tensions(pair.rest, target).loads
+            on_finer = finer.find_tensions(pair.finer, target).loads
+            slope = side.tension_slope(pair.rest, target)
+            most_N, difference_N = max(loads.cable_tension_N), tension_difference(loads, on_finer)
+            return {"cable_tension_N": bounded_tension(most_N, difference_N, slope * tip_m)}
         return {}
 
     def _of_section(
         self,
         source: SourceFilm,
         state: BeamRobotState,
-        here: dict[str, Any],
-        wanted: tip_target.TipTarget | None,
+        figures: dict[str, Any],
+        target: tip_target.TipTarget | None,
         pair: Pair,
     ) -> dict[str, float]:
-        """Return how far the chain of a section model is off its film, where both are at rest."""
+        """Return the difference of the chain of a section model from its film, both at rest.
+
+        Args:
+            source: film and chain.
+            state: of the chain at the phase end.
+            figures: of the film at rest.
+            target: of the tip, if cables reach it.
+            pair: states at rest of the film.
+        """
         rest, side = source.chain_at_rest(state), self.states.side
-        frame = (state.flange.translation, state.flange.rotation[:, 2])
-        own = shape_figures(side, rest.state.positions, frame)
-        away = differences(own | {"volume_m3": sum(source.chain.volumes_m3)}, here)
-        if wanted is not None:
+        of_chain = shape_figures(side, rest.state.positions, state.flange)
+        difference = differences(of_chain | {"volume_m3": sum(source.chain.volumes_m3)}, figures)
+        if target is not None:
             with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
-                pulled = source.chain.find_tensions(rest, wanted), side.find_tensions(pair.rest, wanted)
-                away["cable_tension_N"] = tension_difference(*(each.loads for each in pulled))
-        return away
+                pulled = source.chain.find_tensions(rest, target), side.find_tensions(pair.rest, target)
+                difference["cable_tension_N"] = tension_difference(*(each.loads for each in pulled))
+        return difference
 
     def _of_solver(self, side: FilmRobot, rest: Equilibrium) -> float:
-        """Return how far what the solver leaves moves the tip [m]."""
+        """Return the motion of the tip by residuals of the tolerance [m]."""
         solver, options = side.equilibrium_solver.solver, self._scenario.solver
         statics = self._scenario.mode == "quasistatic"
         tolerance_N = options.residual_tolerance_N if statics else options.dynamic_tolerance_N
@@ -285,12 +262,14 @@ class ErrorStudy:
     def _of_tick(
         self, swings: Swings, tick: int, film: FilmRobotState, rest: Equilibrium
     ) -> dict[str, float]:
-        """Return how far ticks may have brought the figures off, besides those at rest."""
+        """Return the errors of ticks."""
         side, shape = self.states.side, film.soft.positions
         modes = Modes.of(side, rest)
         if modes is None:
             return dict.fromkeys(FIGURES, math.inf)
-        frame = (film.flange.translation, film.flange.rotation[:, 2])
-        now = shape_figures(side, shape, frame)
-        off = [differences(now, shape_figures(side, shape + by, frame)) for by in swings.apart(modes, tick)]
-        return {key: TICK_FACTOR * math.hypot(*(each[key] for each in off)) for key in off[0]}
+        figures = shape_figures(side, shape, film.flange)
+        errors = [
+            differences(figures, shape_figures(side, shape + error, film.flange))
+            for error in swings.apart(modes, tick)
+        ]
+        return {key: TICK_FACTOR * math.hypot(*(each[key] for each in errors)) for key in errors[0]}

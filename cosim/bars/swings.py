@@ -1,14 +1,11 @@
-"""How far ticks have brought the motion of a soft body off, mode by mode.
-
-Near the state at rest at a phase's end the body swings in its lowest modes, each by itself, y its share:
-y'' + a y' + w^2 y = f, with damping a, frequency w, and whatever force f there is. How the run has moved says
-which force that was: its integrator has solved the same for its share x, with differences in place of
-derivatives. The same force, linear within a tick, is answered exactly, from the start of the run on; by how
-much the two swings are apart at the end is the error of the mode. A body that is hardly filled yet swings
-more slowly than at the end; so the same is done with lower frequencies, and the largest error counts.
-Modes: Ritz vectors of the tip's answers to pulls on it, of the answers to their inertia, and so on.
-Source: Wilson, Yuan and Dickens, Dynamic analysis by direct superposition of Ritz vectors, Earthquake
-Engineering and Structural Dynamics 10 (1982).
+"""The error of ticks in the motion of a soft body, mode by mode. Near the state at rest at a phase's end each
+of the lowest modes, with amplitude y, satisfies y'' + a y' + w^2 y = f with damping a, frequency w and force
+f. The run's integrator has solved the same for its amplitude x with differences instead of derivatives, which
+gives f. The exact response to this f, linear within a tick, is integrated from the start of the run; its
+difference at the end is the error of the mode. A body that is hardly filled oscillates more slowly than at
+the end, so lower frequencies are tried too, and the largest error counts. Modes: Ritz vectors of the tip's
+compliance, of the response to their inertia, and so on. Source: Wilson, Yuan and Dickens, Dynamic analysis by
+direct superposition of Ritz vectors, Earthquake Engineering and Structural Dynamics 10 (1982).
 """
 
 from dataclasses import dataclass
@@ -23,9 +20,12 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.solve import stability
 from cosim.soft.solve.state import Equilibrium, StepOptions
 
-_ROUNDS: Final = 4  # of three Ritz vectors each
-_SLOWER: Final = (1.0, 0.7)  # times the frequencies at the end: half the stiffness
-_DAMPED: Final = 0.99  # share of the critical damping that a mode has at most
+_ROUNDS: Final = 4
+"""Rounds of three Ritz vectors each."""
+_SLOWER: Final = (1.0, 0.7)
+"""Factors on the frequencies at the end; 0.7 is half the stiffness."""
+_DAMPED: Final = 0.99
+"""Largest damping of a mode, over critical damping."""
 
 
 def tip_pulls(body: SoftBody) -> Array:
@@ -55,7 +55,7 @@ class Modes:
 
     @classmethod
     def of(cls, side: FilmRobot, rest: Equilibrium) -> "Modes | None":
-        """Return those at a state at rest; None where its tangent is not positive definite."""
+        """Return the modes at a state at rest; None if its tangent is not positive definite."""
         solver, body, state = side.equilibrium_solver.solver, side.body, rest.state
         frame = rest.world_from_flange.rotation
         if not solver.factorise(state.positions, state.memory, rest.loads, None, frame):
@@ -66,7 +66,7 @@ class Modes:
         for _ in range(_ROUNDS):
             for answer in answers:
                 vector = answer
-                for _again in range(2):  # rounding leaves a part of the others
+                for _again in range(2):  # rounding errors leave a part of the others
                     vector = vector - (basis * mass @ vector) @ basis
                 basis = np.vstack([basis, vector / np.sqrt(mass @ vector**2)])
             answers = solver.linear.solve_all((basis[-3:] * mass).reshape(like)).reshape(3, -1)
@@ -81,10 +81,10 @@ class Modes:
 
 @final
 class Swings:
-    """Compares how a body has moved, tick by tick, with exact swings.
+    """Compares the motion of a body, tick by tick, with exact oscillations.
 
     Args:
-        body: that has moved.
+        body: the body.
         moments: (ticks + 1, m, 3) [kg^1/2 m], see `ShapeMoments`; the first are of a body at rest.
         tick_s: [s].
         options: of the ticks.
@@ -95,19 +95,19 @@ class Swings:
         self._along, self._moments = ShapeMoments(body).along, moments
 
     def apart(self, modes: Modes, ticks: int) -> Array:
-        """Return shapes (k, n, 3) [m]: by how much each mode's swing is off.
+        """Return the error (k, n, 3) [m] of each mode.
 
         Args:
             modes: of the body.
-            ticks: after how many.
+            ticks: number of ticks.
         """
         moved = self._moments[: ticks + 1] - self._along @ modes.rest
-        share = np.tensordot(moved, self._along @ modes.shape, ((1, 2), (1, 2)))
-        away = [self._apart(share, slower * modes.frequency, modes.losses) for slower in _SLOWER]
+        amplitude = np.tensordot(moved, self._along @ modes.shape, ((1, 2), (1, 2)))
+        away = [self._apart(amplitude, slower * modes.frequency, modes.losses) for slower in _SLOWER]
         return np.asarray(np.max(away, axis=0)[:, None, None] * modes.shape)
 
     def _apart(self, x: Array, frequency: Array, losses: Array) -> Array:
-        """Return how far swings (ticks, k) are off at the end, as amplitudes, at frequencies (k,)."""
+        """Return the errors (k,) of amplitudes (ticks, k) at the end, at frequencies (k,)."""
         h, declared = self._tick_s, (self._options.damping_per_s + losses) / 2.0
         damping = np.minimum(declared, _DAMPED * frequency)
         speed = self._derivative(np.concatenate([np.repeat(x[:1], 4, axis=0), x]))
@@ -122,7 +122,7 @@ class Swings:
         return np.asarray(np.abs(swing - speed[-1] + root.conj() * x[-1]) / turning)
 
     def _derivative(self, x: Array) -> Array:
-        """Return the derivative (n - 1 or n - 2, k) of shares (n, k), as the integrator has it."""
+        """Return the integrator's derivative (n - 1 or n - 2, k) of amplitudes (n, k)."""
         if self._options.integrator == "implicit_euler":
             return np.asarray(np.diff(x, axis=0) / self._tick_s)
         return np.asarray((3.0 * x[2:] - 4.0 * x[1:-1] + x[:-2]) / (2.0 * self._tick_s))

@@ -21,7 +21,7 @@ from cosim.errors import ConvergenceError, InputError, ScenarioError
 from cosim.plan.flange_motion import pose_of
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.stepping.parts import film_law
+from cosim.stepping.film_contact import film_law
 
 _TOLERANCE_N: Final = 1e-8
 _ROBOT: Final = "soft_robot."

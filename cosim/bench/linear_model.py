@@ -334,7 +334,7 @@ def _swings(here: Snapshot, body: SoftBody, shapes: list[Array]) -> Iterator[Tic
     reader, rest = MeshReader(body, FilmPotential(body).gas.enclosed_volumes), np.array(here.node_position)
     swing = _SWING * float(np.ptp(rest, axis=0).max())
     turns = np.exp(4j * np.pi * np.arange(_FRAMES) / _FRAMES)
-    still = replace(here.table, footing={}, branchings={}, overlaps={}, images={})
+    still = replace(here.table, stability={}, branchings={}, overlaps={}, images={})
     frames = still.some(np.zeros(_FRAMES, np.int64)).changed(tip_target=np.full((_FRAMES, 3), np.nan))
     for k, shape in enumerate(shapes):
         films = [np.ascontiguousarray(rest + swing * (shape * turn).real) for turn in turns]

@@ -24,7 +24,7 @@ from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.sensitivity import Moved, Side
 from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
-from cosim.stepping.parts import film_law
+from cosim.stepping.film_contact import film_law
 
 _ROBOT: Final = "soft_robot."
 _SOLVER: Final = ("solver.damping_per_s", "solver.air_drag_per_s")

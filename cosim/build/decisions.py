@@ -16,7 +16,7 @@ from cosim.plan.film_reach import FlangeTravel, film_reach, flange_travel, withi
 from cosim.plan.plan import Plan
 from cosim.soft.beams.beam_rings import stiffener_report
 from cosim.soft.body.body import SoftBody
-from cosim.stepping.parts import film_report, meetings
+from cosim.stepping.film_contact import film_pairs, film_report
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
@@ -171,7 +171,7 @@ def _inertia(scenario: Scenario, travel: FlangeTravel | None) -> Decision:
 
 
 def _self_contact(scenario: Scenario, body: SoftBody) -> Decision:
-    included = scenario.touches_itself and bool(meetings(body))
+    included = scenario.touches_itself and bool(film_pairs(body))
     return Decision("contact with itself", included, film_report(scenario, body), "contact.self_contact")
 
 

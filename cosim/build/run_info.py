@@ -32,7 +32,8 @@ from cosim.soft.body.places import parents
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.film.film_energies import FilmEnergies
 from cosim.soft.solve import state
-from cosim.stepping.parts import Parts, film_report
+from cosim.stepping.film_contact import film_report
+from cosim.stepping.parts import Parts
 from cosim.telemetry.camera_image import CameraInfo
 from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.run_info import Decay, DrawnFilm, ObjectInfo, RunInfo

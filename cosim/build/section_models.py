@@ -17,7 +17,7 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.self_contact import FilmContactLaw
-from cosim.stepping.parts import film_law, meetings
+from cosim.stepping.film_contact import film_law, film_pairs
 
 _MOST_OFF = 0.05  # largest distance of the model's tip from the film's, as a fraction of the length
 _MARGIN = 1.1  # of the model's largest pressure over that of the scenario
@@ -44,7 +44,7 @@ def section_model(
     if films is not None:  # friction has no energy; units touch in most samples
         films = (
             replace(films, friction=0.0, throughout=True, inside=robot.copies is None)
-            if meetings(body)
+            if film_pairs(body)
             else None
         )
     fold = "_folds" if robot.copies is not None else ""

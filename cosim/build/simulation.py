@@ -28,18 +28,21 @@ from cosim.plan.planning import JointPlanner, make_plan
 from cosim.plan.start_checks import check_base, checked_start, drawn_payload
 from cosim.plan.static_plan import SolvedPhases, solved_phases
 from cosim.soft.body.body import SoftBody
-from cosim.stepping.carrier import Carrier, HeldBase
+from cosim.stepping.carrier import Carrier
 from cosim.stepping.dynamic import DynamicSimulation
-from cosim.stepping.parts import Parts, brought_to_rest
+from cosim.stepping.held_base import HeldBase
+from cosim.stepping.parts import Parts
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from cosim.stepping.several_arms import ArmsRun
+from cosim.stepping.start import brought_to_rest
 from cosim.telemetry.run_info import RunInfo
 
 if TYPE_CHECKING:
     from cosim.build.arm_parts import ArmParts
     from cosim.kinematics.arm import Arm, Payload
     from cosim.rigid.scene.host_scene import HostScene
-    from cosim.stepping.scene_carrier import ArmCarrier, HostCarrier
+    from cosim.stepping.arm_carrier import ArmCarrier
+    from cosim.stepping.host_carrier import HostCarrier
 
 
 _Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], arm_limits.PlannedArm | None, "Arm | None"]
@@ -92,7 +95,7 @@ def build_arms(
         InputError: as of `build`, or arms come too near to one another.
     """
     from cosim.build.arm_parts import ArmParts, check_starts, scene_of_arms  # see below
-    from cosim.stepping.scene_carrier import SharedArm
+    from cosim.stepping.arm_carrier import SharedArm
 
     kept = KeptParts() if kept is None else kept
     described, shared = scene_of_arms(scenarios, kept)
@@ -139,7 +142,7 @@ def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tupl
     Raises:
         InputError: a mesh is degenerate, a device is wrong.
     """
-    from cosim.stepping.scene_carrier import HostCarrier  # see below
+    from cosim.stepping.host_carrier import HostCarrier  # see below
 
     soft = model.side()
     plan = _plan(scenario, HeldBase.plan, model)
@@ -172,7 +175,7 @@ def _held_base(scenario: Scenario, model: SoftModel, soft: SoftRobot) -> _Arrang
 def _arm(scenario: Scenario, model: SoftModel, soft: SoftRobot, before: Choices | None) -> _Arranged:
     # imported here so that a scenario without an arm loads neither MuJoCo nor Pinocchio
     from cosim.build.arm_parts import ArmParts
-    from cosim.stepping.scene_carrier import ArmCarrier
+    from cosim.stepping.arm_carrier import ArmCarrier
 
     planned = _planned(scenario, model, soft, ArmParts(scenario, model.kept))
     return _carried(planned, before, ArmCarrier)

@@ -19,7 +19,7 @@ from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.robots import film_robot, frozen_robot, soft_robot
 from cosim.plan.flange_motion import pose_of
 from cosim.soft.body.body import SoftBody
-from cosim.stepping.parts import film_law
+from cosim.stepping.film_contact import film_law
 
 if TYPE_CHECKING:
     from cosim.coupling.robots import beam_robot

@@ -14,8 +14,9 @@ from cosim.cli.screen import printable
 from cosim.config import loading
 from cosim.config.schema.scenario import NO_ARM
 from cosim.errors import InputError
-from cosim.results import exports, ros_bag
-from cosim.results.result import RunResult, figure_kind
+from cosim.results import csv_table, ros_bag, usd, vtk
+from cosim.results.plots import figure_kind
+from cosim.results.result import RunResult
 
 CSV: Final = "arrays.csv"
 PLOT: Final = "curves.png"
@@ -45,7 +46,7 @@ def export_command(
     if "bag" in wanted:
         ros_bag.check_bags()
     if "usd" in wanted:
-        exports.check_usd()
+        usd.check_usd()
     result = load_run(directory)
     with OutputDirectory(directory if out is None else out) as target:
         target.make()
@@ -56,7 +57,7 @@ def export_command(
 
 def _export_csv(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     target.claim(CSV)
-    exports.write_csv(result, target.path / CSV)
+    csv_table.write_csv(result, target.path / CSV)
     return target.path / CSV, ""
 
 
@@ -68,8 +69,8 @@ def _export_plot(result: RunResult, target: OutputDirectory, _: Sequence[float])
 
 
 def _export_film(result: RunResult, target: OutputDirectory, times_s: Sequence[float]) -> tuple[Path, str]:
-    written = exports.write_film(result, target.path, times_s, target.claim)
-    return target.path / exports.COLLECTION, f", {len(written) - 1} times; open it in ParaView"
+    written = vtk.write_film(result, target.path, times_s, target.claim)
+    return target.path / vtk.COLLECTION, f", {len(written) - 1} times; open it in ParaView"
 
 
 def _export_bag(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
@@ -81,12 +82,12 @@ def _export_bag(result: RunResult, target: OutputDirectory, _: Sequence[float]) 
 def _export_usd(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
     from cosim.build.arm_parts import ArmParts  # here: it brings both engines
 
-    target.claim(exports.USD)
+    target.claim(usd.USD)
     assert result.directory is not None, "it was loaded from there"
     scenario = loading.load_scenario(result.directory / SCENARIO)
     shapes = () if scenario.robot == NO_ARM else ArmParts(scenario, kept_parts.KeptParts()).scene.shapes
-    times = exports.write_usd(result, shapes, target.path / exports.USD)
-    return target.path / exports.USD, f", {times} times; open it in usdview, Blender or Omniverse"
+    times = usd.write_usd(result, shapes, target.path / usd.USD)
+    return target.path / usd.USD, f", {times} times; open it in usdview, Blender or Omniverse"
 
 
 EXPORTS: Final = {

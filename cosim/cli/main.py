@@ -159,8 +159,9 @@ def _live_view(options: argparse.Namespace, *, recording: bool) -> "AbstractCont
 def _sweep(options: argparse.Namespace) -> int:
     """Run a study and return the exit code: 1 if none of its designs is completed."""
     from cosim.base.writing import writing
+    from cosim.sweeps.plot import plot_sweep
     from cosim.sweeps.sweeping import sweep  # here, because it loads numpy
-    from cosim.sweeps.table import TABLE, plot_sweep
+    from cosim.sweeps.table import TABLE
 
     given = {key: vars(options)[key] for key in ("out", "engine", "workers", "modules")}
     try:
@@ -185,12 +186,14 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from cosim.gym.policy import policy_of, replay  # here, because it loads Gymnasium and the kernels
+    from cosim.gym.policy import policy_of  # here, because they load Gymnasium and the kernels
+    from cosim.gym.replay import replay
 
     if options.episodes < 1:
         raise InputError(f"--episodes {options.episodes}: must be at least 1")
-    policy, models = policy_of(options.policy), (options.against, options.fidelity)
-    for line in replay(policy, options.env, models, options.episodes, options.seed).lines():
+    coarse, fine, count = options.against, options.fidelity, options.episodes
+    found = replay(policy_of(options.policy), options.env, coarse, fine, count, options.seed)
+    for line in found.lines():
         print(printable(line))
     return EXIT_DONE
 
@@ -198,7 +201,7 @@ def _replay(options: argparse.Namespace) -> int:
 def _errors(options: argparse.Namespace) -> int:
     from cosim.app import ended_run, error_bars  # here, because they load numpy
     from cosim.cli.screen import logged_to
-    from cosim.telemetry.bounds import bar_lines
+    from cosim.telemetry.bar_lines import bar_lines
 
     run = ended_run.load_run(options.directory)
     with logged_to(tell):
@@ -217,9 +220,9 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _export_path(options: argparse.Namespace) -> int:
-    from cosim.app.motion import plan_path, run_path  # here, because they load numpy
+    from cosim.app.joint_paths import plan_path, run_path  # here, because they load numpy
     from cosim.app.payload import payload_torque
-    from cosim.results.exports import check_name
+    from cosim.results.joint_table import check_name
 
     for file in options.files:
         check_name(file)
@@ -301,10 +304,10 @@ def _overrides(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from cosim.app.motion import drawn, replay  # here, because they load numpy
+    from cosim.app.replay import drawn, replay  # here, because they load numpy
     from cosim.base.writing import writing
-    from cosim.results.exports import JointTable
-    from cosim.results.result import figure_kind
+    from cosim.results.joint_table import JointTable
+    from cosim.results.plots import figure_kind
 
     if options.plot is not None:
         figure_kind()

@@ -19,7 +19,7 @@ from cosim.config.loading import load_file
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.errors import InputError, MeshError
-from cosim.results.result import figure_kind
+from cosim.results.plots import figure_kind
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, film_area, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 

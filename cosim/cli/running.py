@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO, final
 
-from cosim.app import checkpoint, driver, preparation, progress, run_files
+from cosim.app import driver, preparation, progress, resuming, run_files
 from cosim.app.error_bars import bars_finder
+from cosim.app.run_follower import Observer, Options, RunOutcome
 from cosim.base import kept_parts
 from cosim.cli.interruption import Interruption
 from cosim.cli.screen import draw, logged_to, tell
@@ -21,8 +22,8 @@ from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
+from cosim.telemetry.closing_lines import closing_lines, quiet_line
 from cosim.telemetry.run_info import RunInfo
-from cosim.telemetry.summary import closing_lines, quiet_line
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class RunOptions:
     checkpoint_every_s: float | None
     started: float
     live: LiveView | None = None
-    watchers: tuple[driver.Observer, ...] = ()
+    watchers: tuple[Observer, ...] = ()
     error: bool | None = None
 
 
@@ -165,12 +166,12 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
     with logged_to(report):
         scenario = preparation.prepared_arms(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
-        watchers: dict[str, list[driver.Observer]] = {
+        watchers: dict[str, list[Observer]] = {
             name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
         }
         next(iter(watchers.values())).extend([interruption, *how.watchers, *([] if how.quiet else [line])])
         recorder = driver.rerun_recorder if how.live is None else how.live.recorder
-        options = driver.Options(
+        options = Options(
             directory, recorder if how.recording else None, stop=interruption.reason, tell=report
         )
         try:
@@ -182,7 +183,7 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
 
 
 def _report_arms(
-    outcomes: Mapping[str, driver.RunOutcome], directory: Path, interruption: Interruption, *, quiet: bool
+    outcomes: Mapping[str, RunOutcome], directory: Path, interruption: Interruption, *, quiet: bool
 ) -> int:
     for name, outcome in outcomes.items():
         if quiet:
@@ -212,9 +213,9 @@ def resume_command(directory: Path, how: RunOptions) -> int:
         InputError: the run cannot continue; nothing was written.
         SolverError: the physics could not be solved; the results so far are written.
     """
-    checkpoint.check_resumable(directory)
+    resuming.check_resumable(directory)
     scenario = loading.load_scenario(directory / run_files.SCENARIO)
-    tick = checkpoint.tick_to_resume(directory, scenario)
+    tick = resuming.tick_to_resume(directory, scenario)
     if not how.quiet:
         tell(f"{scenario.title}: resumes after tick {tick}")
     recording = how.recording and bool(run_files.recordings(directory))
@@ -228,15 +229,13 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     with logged_to(report):
         scenario = preparation.prepared(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
-        shown: list[driver.Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
-        watchers: list[driver.Observer] = [interruption, *how.watchers, *shown]
+        shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
+        watchers: list[Observer] = [interruption, *how.watchers, *shown]
         recorder = driver.rerun_recorder if how.live is None else how.live.recorder
         make_recorder = recorder if how.recording else None
-        every_s = how.checkpoint_every_s or driver.Options.checkpoint_every_s
+        every_s = how.checkpoint_every_s or Options.checkpoint_every_s
         find_bars = bars_finder(how.error, report, kept)
-        options = driver.Options(
-            directory, make_recorder, watchers, interruption.reason, every_s, resume, find_bars
-        )
+        options = Options(directory, make_recorder, watchers, interruption.reason, every_s, resume, find_bars)
         try:
             outcome = driver.execute(
                 scenario, partial(preparation.build_simulation, tell=report, kept=kept), options, how.started
@@ -251,7 +250,7 @@ def _ignore(_text: str) -> None:
     """Print nothing."""
 
 
-def _report(outcome: driver.RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
+def _report(outcome: RunOutcome, directory: Path, interruption: Interruption, *, quiet: bool) -> int:
     summary = outcome.summary
     if not quiet:
         tell("\n".join(closing_lines(summary, directory, run_files.recordings(directory))))

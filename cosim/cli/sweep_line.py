@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, TextIO, final
 from cosim.cli.screen import draw
 
 if TYPE_CHECKING:
-    from cosim.sweeps.sweeping import SweepProgress
+    from cosim.sweeps.study_run import SweepProgress
 
 _REDRAW_S: Final = 0.2
 _RETOLD_S: Final = 30.0

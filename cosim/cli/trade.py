@@ -14,10 +14,10 @@ from cosim.cli.screen import printable, tell
 from cosim.config import loading, rules
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
-from cosim.sweeps import trade
+from cosim.sweeps import trade, trade_choice, trade_report
 from cosim.sweeps.candidates import candidates_of
 from cosim.sweeps.engines import Engine
-from cosim.sweeps.sweeping import Tell
+from cosim.sweeps.study_run import Tell
 
 _LENGTHS_m: Final = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0}
 
@@ -43,25 +43,25 @@ def trade_command(options: argparse.Namespace, progress: Tell) -> int:
         prepared(scenario, tell)
         warm_up()
         results = trade.measure(scenario, candidates, directory, Engine(workers=1), options.modules, progress)
-        table = trade.markdown(scenario.title, results)
+        table = trade_report.markdown(scenario.title, results)
         print(printable(table), flush=True)
         directory.write(trade.REPORT, table)
         try:
-            trade.draw(scenario.title, results, directory.path / trade.PLOT)
+            trade_report.draw(scenario.title, results, directory.path / trade.PLOT)
         except InputError as error:
             tell(f"no plot: {error}")
     if requirement is None:
         return 0
-    choice = trade.choice_line(results, requirement)
+    choice = trade_choice.choice_line(results, requirement)
     print(printable(choice))
     return int(choice.startswith("No candidate"))
 
 
-def _requirement(options: argparse.Namespace) -> trade.Requirement | None:
+def _requirement(options: argparse.Namespace) -> trade_choice.Requirement | None:
     given = (options.budget, options.tolerance, options.force_tolerance)
     readers = (parse_budget, parse_tolerance, parse_force)
     values = [None if text is None else read(text) for text, read in zip(given, readers, strict=True)]
-    return None if values == [None] * 3 else trade.Requirement(*values)
+    return None if values == [None] * 3 else trade_choice.Requirement(*values)
 
 
 def parse_budget(text: str) -> float:

@@ -1,4 +1,4 @@
-"""Tasks for learning, as Gymnasium environments: importing this registers them, as Gymnasium has it."""
+"""Tasks for learning, as Gymnasium environments, which are registered when this module is imported."""
 
 from typing import Final
 
@@ -10,17 +10,17 @@ except ModuleNotFoundError as error:
     raise InputError("cosim.gym needs Gymnasium: pip install 'cosim[gym]'") from error
 
 ENVIRONMENTS: Final = {
-    "cosim/TipReach-v0": "cosim.gym.tasks:TipReach",
-    "cosim/TipFollow-v0": "cosim.gym.tasks:TipFollow",
-    "cosim/GraspLift-v0": "cosim.gym.tasks:GraspLift",
+    "cosim/TipReach-v0": "cosim.gym.arm_tasks:TipReach",
+    "cosim/TipFollow-v0": "cosim.gym.arm_tasks:TipFollow",
+    "cosim/GraspLift-v0": "cosim.gym.grasp_task:GraspLift",
 }
-"""Ids, and the class of the task of each."""
+"""Class of the task, by id."""
 
 for _name, _task in ENVIRONMENTS.items():
     if _name not in gymnasium.registry:
         gymnasium.register(
             _name,
             entry_point="cosim.gym.environment:environment",
-            vector_entry_point="cosim.gym.environment:vector_environment",
+            vector_entry_point="cosim.gym.vector_environment:vector_environment",
             kwargs={"task": _task},
         )

@@ -1,7 +1,4 @@
-"""Keeps the episodes of an environment, to be written as a data set for learning.
-
-A file by itself: `results.episodes`, which writes them, does not need Gymnasium.
-"""
+"""Records the episodes of an environment, to write them as a data set for learning."""
 
 from pathlib import Path
 from typing import Any, final
@@ -17,9 +14,9 @@ from cosim.results.episodes import LearningEpisode, write_episodes
 
 @final
 class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
-    """Passes everything on to an environment of a task, and keeps what it returns.
+    """Wraps an environment of a task and records its steps.
 
-    A step's row holds what was observed before it, the action, and what followed: "next.reward",
+    The row of a step has the observation before it, the action, and the results: "next.reward",
     "next.done", "next.success".
 
     Args:
@@ -30,41 +27,40 @@ class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, 
     def __init__(self, environment: gymnasium.Env[Observation, NDArray[Any]], task: str) -> None:
         super().__init__(environment)
         self.episodes: list[LearningEpisode] = []
-        """Those that have ended."""
+        """Episodes that have ended."""
         self._task, self._rows = task, list[dict[str, Any]]()
-        self._seen: Observation = {}
+        self._observation: Observation = {}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; the steps since the last reset are one that has ended."""
-        found = super().reset(seed=seed, options=options)
+        """Begin an episode, which ends the one before."""
+        observation, info = super().reset(seed=seed, options=options)
         self._end()
-        self._seen = found[0]
-        return found
+        self._observation = observation
+        return observation, info
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, Any, bool, bool, dict[str, Any]]:
-        """Take a step, and keep it."""
-        found = super().step(action)
-        seen, reward, terminated, truncated, info = found
+        """Take a step, and record it."""
+        observation, reward, terminated, truncated, info = super().step(action)
         done = terminated or truncated
         after = {"next.reward": reward, "next.done": done, "next.success": info["is_success"]}
-        self._rows.append({**self._seen, "action": action, **after})
-        self._seen = seen
+        self._rows.append({**self._observation, "action": action, **after})
+        self._observation = observation
         if done:
             self._end()
-        return found
+        return observation, reward, terminated, truncated, info
 
     def write(self, directory: str | Path, *, video: bool = False) -> None:
-        """Write all episodes, the present one as far as it is, in LeRobot's layout; see `write_episodes`.
+        """Write all episodes, with the unfinished present one, in LeRobot's layout; see `write_episodes`.
 
         Args:
             directory: of the data set.
-            video: whether pictures go into videos.
+            video: whether pictures are written as videos.
 
         Raises:
-            InputError: the directory holds something, or no step has been taken.
-            OutputError: it cannot be written.
+            InputError: the directory is not empty, or no step has been taken.
+            OutputError: the directory cannot be written.
         """
         self._end()
         write_episodes(directory, self.episodes, 1.0 / STEP_S, video=video)
@@ -81,6 +77,6 @@ class EpisodeRecorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, 
             **rows,
         }
         inner = self.unwrapped
-        assert isinstance(inner, TaskEnvironment), "of a task"
+        assert isinstance(inner, TaskEnvironment), "an environment of a task"
         names = {"action": inner.task.actions}
         self.episodes.append(LearningEpisode(self._task, columns, images, names))

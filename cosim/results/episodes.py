@@ -1,9 +1,7 @@
-"""Episodes for learning in the layout of LeRobot's data sets, version 3.0: Parquet tables and JSON.
-
-`data/` has a row for every step, with the pictures of cameras as PNG in it, unless they are in `videos/`, an
-MP4 for every episode and camera; `meta/` says what the columns are, which rows belong to which episode, and
-how numbers are spread. LeRobot is not needed.
-Source: the format of LeRobotDataset v3.0, https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+"""Episodes for learning in the layout of LeRobot's data sets, version 3.0, without LeRobot: `data/` has a row
+for every step, with images as PNG or, in `videos/`, as an MP4 for every episode and camera; `meta/` describes
+columns, episodes and statistics. Source: LeRobotDataset v3.0,
+https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
 """
 
 from __future__ import annotations
@@ -24,7 +22,9 @@ from cosim.base.video import encoded, encoder
 from cosim.base.whole_files import whole_file, write_whole
 from cosim.base.writing import writing
 from cosim.errors import InputError
-from cosim.results.result import COLUMNS, RunResult, frame_rows
+from cosim.results.result import RunResult
+from cosim.results.result_builder import frame_rows
+from cosim.results.run_columns import COLUMNS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -36,7 +36,7 @@ _EPISODES: Final = "meta/episodes/chunk-000/file-000.parquet"
 _FILE_MB: Final = 100
 _FILES_A_CHUNK: Final = 1000
 _CODING: Final = ("-an", "-c:v", "libx264", "-crf", "18", "-g", "2")
-"""Every second picture of a video stands by itself, so that single ones are read quickly."""
+"""Every second picture of a video is a key frame, so that single pictures are read quickly."""
 _STATE: Final = (
     "joint_position", "flange_position", "flange_quaternion", "tip_position", "chamber_pressure_Pa",
     "cable_tension_N",
@@ -48,12 +48,12 @@ _IMAGE: Final = "observation.images."
 @final
 @dataclass(frozen=True, eq=False)
 class LearningEpisode:
-    """Steps of one episode, a row each.
+    """Steps of an episode, a row each.
 
     Args:
         task: in words.
         columns: by name, such as "observation.state", "action", "next.reward"; (steps,) or (steps, k) each.
-        images: by the name of the camera, (steps, height, width, 3), colours from 0 to 255.
+        images: by the camera's name, (steps, height, width, 3), colours from 0 to 255.
         names: of the numbers of a row, by column.
     """
 
@@ -69,9 +69,9 @@ class LearningEpisode:
 def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) -> LearningEpisode:
     """Return a run as an episode.
 
-    "observation.state" is joints, flange, tip, pressures and tensions at a step; "action" is the joints'
-    target, pressures and tensions at the next step, so the last one has none and is left out. Cameras with a
-    picture at every step are part of it.
+    "observation.state" contains joints, flange, tip, pressures and tensions at a step; "action" the joints'
+    targets, pressures and tensions at the next step. The last step has no action and is left out. Cameras
+    with an image at every step are included.
 
     Args:
         result: of the run.
@@ -86,8 +86,8 @@ def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) 
         raise InputError(f"the run has {len(rows)} steps at {frames_per_s:g} /s; an episode needs two")
 
     def joined(names: Sequence[str], at: Any) -> Array:
-        found = [getattr(result, name)[at].reshape(len(at), -1) for name in names]
-        return np.hstack(found).astype(np.float32)
+        columns = [getattr(result, name)[at].reshape(len(at), -1) for name in names]
+        return np.hstack(columns).astype(np.float32)
 
     def named(names: Sequence[str]) -> list[str]:
         along = result.stage.names_along
@@ -98,10 +98,10 @@ def episode_of(result: RunResult, frames_per_s: float, task: str | None = None) 
         ]
 
     columns = {"observation.state": joined(_STATE, rows[:-1]), "action": joined(_ACTION, rows[1:])}
-    seen = {name: dict(zip(one.tick.tolist(), one.rgb, strict=True)) for name, one in result.images.items()}
+    taken = {name: dict(zip(one.tick.tolist(), one.rgb, strict=True)) for name, one in result.images.items()}
     ticks = result.tick[rows[:-1]].tolist()
-    whole = {name: found for name, found in seen.items() if found.keys() >= {*ticks}}
-    images = {name: np.array([found[tick] for tick in ticks]) for name, found in whole.items()}
+    complete = {name: by_tick for name, by_tick in taken.items() if by_tick.keys() >= {*ticks}}
+    images = {name: np.array([by_tick[tick] for tick in ticks]) for name, by_tick in complete.items()}
     names = {"observation.state": named(_STATE), "action": named(_ACTION)}
     return LearningEpisode(task or result.stage.title, columns, images, names)
 
@@ -121,11 +121,11 @@ def write_episodes(
         episodes: at least one, all with the same columns and cameras.
         frames_per_s: steps per second of all of them.
         robot: name of the robot.
-        video: whether pictures go into videos (H.264, lossy) in place of PNG; needs imageio-ffmpeg.
+        video: whether images are written as videos (H.264, lossy) instead of PNG; needs imageio-ffmpeg.
 
     Raises:
-        InputError: the directory holds something, an episode does not fit, or imageio-ffmpeg is missing.
-        OutputError: it cannot be written.
+        InputError: the directory is not empty, an episode does not fit, or imageio-ffmpeg is not installed.
+        OutputError: a file cannot be written.
     """
     root = Path(directory)
     _check(root, episodes)
@@ -134,12 +134,15 @@ def write_episodes(
     with writing(root):
         tasks = list(dict.fromkeys(episode.task for episode in episodes))
         begins = np.cumsum([0, *map(len, episodes)]).tolist()
-        places = _write_data(root, episodes, tasks, begins, frames_per_s, video)
+        files = _write_data(root, episodes, tasks, frames_per_s, video=video)
         videos = _write_videos(root, episodes, frames_per_s) if video else {}
-        _write_parquet(root / _EPISODES, _episode_table(episodes, begins, places, videos))
+        _write_parquet(root / _EPISODES, _episode_table(episodes, begins, files, videos))
         _write_parquet(root / "meta/tasks.parquet", _task_table(tasks))
         write_whole(root / "meta/stats.json", json.dumps(_statistics(episodes), indent=2))
-        kept = {"video_files_size_in_mb": _FILE_MB if video else 0, "video_path": _VIDEO if video else None}
+        videos_info = {
+            "video_files_size_in_mb": _FILE_MB if video else 0,
+            "video_path": _VIDEO if video else None,
+        }
         info = {
             "codebase_version": VERSION,
             "robot_type": robot,
@@ -151,7 +154,7 @@ def write_episodes(
             "fps": frames_per_s if frames_per_s % 1.0 else int(frames_per_s),
             "splits": {"train": f"0:{len(episodes)}"},
             "data_path": _DATA,
-            **kept,
+            **videos_info,
             "features": _features(episodes[0], frames_per_s if video else None),
         }
         write_whole(root / "meta/info.json", json.dumps(info, indent=2))
@@ -159,37 +162,39 @@ def write_episodes(
 
 def _check(root: Path, episodes: Sequence[LearningEpisode]) -> None:
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
-        raise InputError(f"{root}: holds something; give a new or empty directory")
+        raise InputError(f"{root}: is not empty; give a new or empty directory")
     if not episodes:
         raise InputError("there are no episodes to write")
-    wanted = _features(episodes[0])
+    first = _features(episodes[0])
     for number, episode in enumerate(episodes):
-        if (found := _features(episode)) != wanted:
-            differing = next(key for key in {**wanted, **found} if wanted.get(key) != found.get(key))
-            raise InputError(f"episode {number}: {differing} is not as in episode 0; all need the same")
+        if (features := _features(episode)) != first:
+            differing = next(key for key in {**first, **features} if first.get(key) != features.get(key))
+            raise InputError(
+                f"episode {number}: {differing} differs from episode 0; all episodes need the same columns"
+            )
         for name, rows in {**episode.columns, **episode.images}.items():
             if len(rows) != len(episode) or not len(rows):
                 raise InputError(f"episode {number}: {name} has {len(rows)} rows, others {len(episode)}")
 
 
 def _features(episode: LearningEpisode, shown_per_s: float | None = None) -> dict[str, Any]:
-    """Return what each column is; with a rate, pictures are in videos."""
-    found: dict[str, Any] = {}
+    """Return the description of each column; with a rate, images are in videos."""
+    features: dict[str, Any] = {}
     for name, rows in episode.columns.items():
         kind = np.float32 if rows.dtype.kind == "f" else np.bool_ if rows.dtype.kind == "b" else np.int64
         shape, names = list(rows.shape[1:]) or [1], episode.names.get(name)
-        found[name] = {"dtype": np.dtype(kind).name, "shape": shape, "names": names and list(names)}
+        features[name] = {"dtype": np.dtype(kind).name, "shape": shape, "names": names and list(names)}
     for name, rows in episode.images.items():
         axes = ["height", "width", "channels"]
         about = {"shape": list(rows.shape[1:]), "names": axes}
         if shown_per_s is None:
-            found[f"{_IMAGE}{name}"] = {"dtype": "image", **about}
+            features[f"{_IMAGE}{name}"] = {"dtype": "image", **about}
         else:
-            found[f"{_IMAGE}{name}"] = {"dtype": "video", **about, "info": _video_info(rows, shown_per_s)}
-    found["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
+            features[f"{_IMAGE}{name}"] = {"dtype": "video", **about, "info": _video_info(rows, shown_per_s)}
+    features["timestamp"] = {"dtype": "float32", "shape": [1], "names": None}
     for name in ("frame_index", "episode_index", "index", "task_index"):
-        found[name] = {"dtype": "int64", "shape": [1], "names": None}
-    return found
+        features[name] = {"dtype": "int64", "shape": [1], "names": None}
+    return features
 
 
 def _video_info(rows: NDArray[np.uint8], shown_per_s: float) -> dict[str, Any]:
@@ -202,7 +207,7 @@ def _video_info(rows: NDArray[np.uint8], shown_per_s: float) -> dict[str, Any]:
 
 
 def _pixels(height: int, width: int) -> str:
-    """Return the kind of pixels: colours at half the resolution where both sizes are even, as is usual."""
+    """Return the pixel format: with colours at half the resolution, as usual, if both sizes are even."""
     return "yuv444p" if height % 2 or width % 2 else "yuv420p"
 
 
@@ -212,8 +217,8 @@ def _write_videos(
     """Write a video for every episode and camera, and return their columns in the table of episodes."""
     columns: dict[str, list[float | int]] = {}
     for name in episodes[0].images:
-        key, places = f"{_IMAGE}{name}", [divmod(k, _FILES_A_CHUNK) for k in range(len(episodes))]
-        for (chunk, file), episode in zip(places, episodes, strict=True):
+        key, files = f"{_IMAGE}{name}", [divmod(k, _FILES_A_CHUNK) for k in range(len(episodes))]
+        for (chunk, file), episode in zip(files, episodes, strict=True):
             path = root / _VIDEO.format(video_key=key, chunk_index=chunk, file_index=file)
             path.parent.mkdir(parents=True, exist_ok=True)
             height, width = episode.images[name].shape[1:3]
@@ -222,26 +227,32 @@ def _write_videos(
             with encoded(path, (*source, *rate), (*_CODING, "-pix_fmt", _pixels(height, width))) as write:
                 for picture in episode.images[name]:
                     write(picture.tobytes())
-        columns[f"videos/{key}/chunk_index"] = [chunk for chunk, _ in places]
-        columns[f"videos/{key}/file_index"] = [file for _, file in places]
+        columns[f"videos/{key}/chunk_index"] = [chunk for chunk, _ in files]
+        columns[f"videos/{key}/file_index"] = [file for _, file in files]
         columns[f"videos/{key}/from_timestamp"] = [0.0] * len(episodes)
         columns[f"videos/{key}/to_timestamp"] = [len(episode) / shown_per_s for episode in episodes]
     return columns
 
 
 def _write_data(
-    root: Path,
-    episodes: Sequence[LearningEpisode],
-    tasks: list[str],
-    begins: list[int],
-    frames_per_s: float,
-    video: bool,
+    root: Path, episodes: Sequence[LearningEpisode], tasks: list[str], frames_per_s: float, *, video: bool
 ) -> list[tuple[int, int]]:
-    """Write the steps, some 100 MB a file and a row group each; return the file of every episode."""
+    """Write the steps of all episodes, up to about 100 MB a file and a row group an episode.
+
+    Returns:
+        Numbers of chunk and file of each episode.
+
+    Args:
+        root: directory of the data set.
+        episodes: to be written.
+        tasks: of all episodes.
+        frames_per_s: steps per second.
+        video: whether images are in videos.
+    """
     from pyarrow import parquet
 
-    places: list[tuple[int, int]] = []
-    number, held, writer = -1, _FILE_MB * 2**20, None
+    files: list[tuple[int, int]] = []
+    number, size, steps, writer = -1, _FILE_MB * 2**20, 0, None
     try:
         for k, episode in enumerate(episodes):
             counts = np.arange(len(episode))
@@ -249,25 +260,26 @@ def _write_data(
                 "timestamp": (counts / frames_per_s).astype(np.float32),
                 "frame_index": counts,
                 "episode_index": np.full(len(episode), k),
-                "index": begins[k] + counts,
+                "index": steps + counts,
                 "task_index": np.full(len(episode), tasks.index(episode.task)),
             }
             table = _step_table(episode, index, {} if video else episode.images)
-            if writer is None or held + table.nbytes > _FILE_MB * 2**20:
+            if writer is None or size + table.nbytes > _FILE_MB * 2**20:
                 if writer is not None:
                     writer.close()
-                number, held = number + 1, 0
+                number, size = number + 1, 0
                 chunk, file = divmod(number, _FILES_A_CHUNK)
                 path = root / _DATA.format(chunk_index=chunk, file_index=file)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 writer = parquet.ParquetWriter(path, table.schema, compression="snappy")
             writer.write_table(table)
-            held += table.nbytes
-            places.append(divmod(number, _FILES_A_CHUNK))
+            size += table.nbytes
+            steps += len(episode)
+            files.append(divmod(number, _FILES_A_CHUNK))
     finally:
         if writer is not None:
             writer.close()
-    return places
+    return files
 
 
 def _step_table(
@@ -289,7 +301,7 @@ def _step_table(
 def _episode_table(
     episodes: Sequence[LearningEpisode],
     begins: list[int],
-    places: list[tuple[int, int]],
+    files: list[tuple[int, int]],
     videos: Mapping[str, list[float | int]],
 ) -> pa.Table:
     import pyarrow as pa
@@ -301,8 +313,8 @@ def _episode_table(
         "length": [len(episode) for episode in episodes],
         "dataset_from_index": begins[:-1],
         "dataset_to_index": begins[1:],
-        "data/chunk_index": [chunk for chunk, _ in places],
-        "data/file_index": [file for _, file in places],
+        "data/chunk_index": [chunk for chunk, _ in files],
+        "data/file_index": [file for _, file in files],
         "meta/episodes/chunk_index": [0] * count,
         "meta/episodes/file_index": [0] * count,
         **videos,
@@ -310,16 +322,16 @@ def _episode_table(
 
 
 def _task_table(tasks: list[str]) -> pa.Table:
-    """Return the tasks as a table whose index pandas takes from the column of the texts."""
+    """Return the tasks as a table; pandas uses the column of texts as its index."""
     import pyarrow as pa
 
     table = pa.table({"task_index": list(range(len(tasks))), "task": tasks})
     described = [
-        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": own, "metadata": None}
-        for name, kind, own in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+        for name, kind, numpy in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
     ]
-    said = {"index_columns": ["task"], "column_indexes": [], "columns": described, "pandas_version": "2.0.0"}
-    return table.replace_schema_metadata({b"pandas": json.dumps(said).encode()})
+    about = {"index_columns": ["task"], "column_indexes": [], "columns": described, "pandas_version": "2.0.0"}
+    return table.replace_schema_metadata({b"pandas": json.dumps(about).encode()})
 
 
 def _write_parquet(path: Path, table: pa.Table) -> None:
@@ -331,24 +343,24 @@ def _write_parquet(path: Path, table: pa.Table) -> None:
 
 
 def _statistics(episodes: Sequence[LearningEpisode]) -> dict[str, Any]:
-    """Return least, largest, mean, standard deviation and count of every column; of pictures by channel."""
+    """Return minimum, maximum, mean, standard deviation and count of each column; of images by channel."""
 
     def spread(rows: Array, shape: Sequence[int], count: int) -> dict[str, Any]:
         figures = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
         return {name: value.reshape(shape).tolist() for name, value in figures.items()} | {"count": [count]}
 
-    found = {}
+    statistics = {}
     for name in episodes[0].columns:
         rows = np.concatenate([episode.columns[name] for episode in episodes]).astype(float)
-        found[name] = spread(rows, rows.shape[1:] or (1,), len(rows))
+        statistics[name] = spread(rows, rows.shape[1:] or (1,), len(rows))
     for name in episodes[0].images:
         pixels = np.concatenate([episode.images[name] for episode in episodes])
-        found[f"{_IMAGE}{name}"] = spread(pixels.reshape(-1, 3) / 255.0, (3, 1, 1), len(pixels))
-    return found
+        statistics[f"{_IMAGE}{name}"] = spread(pixels.reshape(-1, 3) / 255.0, (3, 1, 1), len(pixels))
+    return statistics
 
 
 def png(rgb: NDArray[np.uint8]) -> bytes:
-    """Return a picture (height, width, 3) as a file: the PNG of ISO/IEC 15948, with unfiltered lines."""
+    """Return an image (height, width, 3) as a PNG file (ISO/IEC 15948) with unfiltered lines."""
     height, width = rgb.shape[:2]
 
     def chunks() -> Iterator[bytes]:

@@ -1,7 +1,5 @@
-"""A run as a ROS 2 bag of MCAP: for `ros2 bag play`, for readers of bags, and for Foxglove.
-
-Times are those of the run, from 0 on. Frames: `world`, `flange`, one for every body of the scene, and
-`camera_NAME`, with z along its line of sight.
+"""A run as a ROS 2 bag of MCAP, for `ros2 bag play`, readers of bags, and Foxglove. Times are those of the
+run, from 0 on; frames are `world`, `flange`, `tip`, one for each body of the scene, and `camera_NAME`.
 """
 
 import shutil
@@ -16,7 +14,9 @@ from cosim.base.resources import extra_module
 from cosim.base.writing import writing
 from cosim.errors import InputError
 from cosim.results.episodes import png
-from cosim.results.result import COLUMNS, RunResult, frame_rows
+from cosim.results.result import RunResult
+from cosim.results.result_builder import frame_rows
+from cosim.results.run_columns import COLUMNS
 from cosim.telemetry.camera_image import CameraInfo
 
 if TYPE_CHECKING:
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 BAG: Final = "bag"
 """Name of the folder, and of the .mcap file in it."""
 FILM_PER_s: Final = 10.0
-"""How often the film is in the bag, at most; a picture of it takes some 100 kB."""
+"""Largest rate of the film's shapes; each takes about 100 kB."""
 _WORLD, _FLANGE, _TIP = "world", "flange", "tip"
 _OF_TRIANGLES: Final[dict[str, Any]] = {
     "ns": "film", "id": 0, "type": 11, "action": 0, "frame_locked": False, "colors": [], "uv_coordinates": [],
     "text": "", "texture_resource": "", "mesh_resource": "", "mesh_use_embedded_materials": False,
 }  # fmt: skip
-"""Of a `visualization_msgs/msg/Marker` that is a TRIANGLE_LIST, without pictures and text."""
+"""Fields of a `visualization_msgs/msg/Marker` that is a TRIANGLE_LIST, without textures and text."""
 _FILM_COLOUR: Final = (0.85, 0.6, 0.3, 0.9)
 _METADATA: Final = "metadata.yaml"
 _TOPICS: Final = {"chamber_pressure_Pa": "pressure_Pa", "cable_tension_N": "tension_N"}
@@ -41,7 +41,7 @@ _OPTICAL: Final = np.array([1.0, -1.0, -1.0])
 _NO_BYTES: Final = np.zeros(0, np.uint8)
 
 Message = tuple[str, str, Any]
-"""Topic, kind, and what is said."""
+"""Topic, type and content."""
 
 
 def check_bags() -> Any:
@@ -54,23 +54,23 @@ def check_bags() -> Any:
 
 
 def write_bag(result: RunResult, folder: Path) -> int:
-    """Write a run as a bag and return how many messages it has.
+    """Write a run as a bag and return its number of messages.
 
     Args:
         result: of a run.
-        folder: of the bag; one that is there already is replaced.
+        folder: of the bag; an existing bag is replaced.
 
     Raises:
-        InputError: rosbags is not installed, the run has no time, or something else is in the folder.
-        OutputError: it cannot be written.
+        InputError: rosbags is not installed, the run is quasi-static, or the folder has other files.
+        OutputError: the bag cannot be written.
     """
     library = check_bags()
     from rosbags.typesys import Stores, get_typestore
 
     if result.stage.mode != "dynamic":
-        raise InputError(f"{result.stage.scenario}: a run in statics has no time, which bags are about")
+        raise InputError(f"{result.stage.scenario}: a quasi-static run has no time, which a bag needs")
     if folder.exists() and any(entry.name not in (_METADATA, f"{BAG}.mcap") for entry in folder.iterdir()):
-        raise InputError(f"{folder}: holds other files than those of a bag; move them away")
+        raise InputError(f"{folder}: has files that are not of a bag; move them")
     store, count = get_typestore(Stores.ROS2_HUMBLE), 0
     with writing(folder):
         shutil.rmtree(folder, ignore_errors=True)
@@ -91,11 +91,11 @@ def _ns(time_s: float) -> int:
 
 @final
 class _Messages:
-    """What is said of a run, tick by tick.
+    """Makes the messages of a run, tick by tick.
 
     Args:
         result: of the run.
-        store: of ROS's kinds of messages.
+        store: ROS's types of messages.
     """
 
     def __init__(self, result: RunResult, store: "Typestore") -> None:
@@ -139,9 +139,9 @@ class _Messages:
         run, kind = self._result, "sensor_msgs/msg/JointState"
         if not run.stage.joint_names:
             return
-        had = (run.joint_position[row], run.joint_velocity[row], run.joint_torque[row])
-        asked = (run.joint_target[row], np.zeros(0), np.zeros(0))
-        for topic, (position, velocity, effort) in (("/joint_states", had), ("/joint_targets", asked)):
+        states = (run.joint_position[row], run.joint_velocity[row], run.joint_torque[row])
+        targets = (run.joint_target[row], np.zeros(0), np.zeros(0))
+        for topic, (position, velocity, effort) in (("/joint_states", states), ("/joint_targets", targets)):
             arrays = {"position": position, "velocity": velocity, "effort": effort}
             names = list(run.stage.joint_names)
             yield topic, kind, self._of(kind, header=self._header(row, ""), name=names, **arrays)
@@ -161,11 +161,11 @@ class _Messages:
         yield "/tip_pose", kind, self._of(kind, header=self._header(row, _WORLD), pose=pose)
 
     def _moved(self, row: int, frames: Sequence[tuple[str, Array, Array]]) -> Any:
-        """Return where frames are: names, places (3,) and quaternions (4,)."""
+        """Return the poses of frames, by names, positions (3,) and quaternions (4,)."""
         header, moved = self._header(row, _WORLD), []
-        for name, place, turn in frames:
+        for name, position, turn in frames:
             transform = self._of(
-                "geometry_msgs/msg/Transform", translation=self._vector(place), rotation=self._turn(turn)
+                "geometry_msgs/msg/Transform", translation=self._vector(position), rotation=self._turn(turn)
             )
             stamped = {"header": header, "child_frame_id": name, "transform": transform}
             moved.append(self._of("geometry_msgs/msg/TransformStamped", **stamped))
@@ -240,7 +240,7 @@ class _Messages:
             yield f"{topic}/camera_info", kind, self._lens(header, camera)
 
     def _lens(self, header: Any, camera: CameraInfo) -> Any:
-        """Return the pinhole of a camera, without distortion."""
+        """Return the pinhole model of a camera."""
         (width, height), length = camera.size, camera.focal_length
         k = np.array([[length, 0.0, 0.5 * width], [0.0, length, 0.5 * height], [0.0, 0.0, 1.0]])
         whole = self._of(
@@ -255,9 +255,9 @@ class _Messages:
 
 
 def _topic(name: str) -> str:
-    """Return a name as a part of a topic: letters, digits and '_', no digit first."""
-    kept = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in name)
-    return kept if kept[:1].isalpha() else f"_{kept}"
+    """Return a name as a part of a topic: letters, digits and '_', not beginning with a digit."""
+    valid = "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in name)
+    return valid if valid[:1].isalpha() else f"_{valid}"
 
 
 def _facing(direction: Array) -> Array:

@@ -1,33 +1,17 @@
-"""MuJoCo scenes that carry the flange: of one arm, of several, or of somebody else, who steps it."""
+"""Base class of carriers that are part of a MuJoCo scene."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final, final
-
-import numpy as np
+from typing import Any
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.solid import BodyShape, FilmInLink, LinkContact
 from cosim.base.state_checks import check_state
-from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
-from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.coupling.robots.soft_robot import SoftRobot
-from cosim.coupling.schemes import iterated
 from cosim.coupling.schemes.coupling import Coupling
-from cosim.coupling.schemes.interface import Interface
-from cosim.coupling.schemes.rigid_jacobian import rigid_jacobian
-from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.coupling.ticks import ServoCommands, TickLog
-from cosim.errors import InputError, SolverError
-from cosim.kinematics.arm import Arm, Payload
-from cosim.kinematics.inertial_parameters import inertial_parameters
-from cosim.plan.cell_motion import CellMotion
-from cosim.plan.joint_path import JointReference
-from cosim.rigid.scene import arms, coupled_scene, host_scene
-from cosim.rigid.scene.scene import RigidScene
+from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.state import Obstacles
@@ -35,7 +19,7 @@ from cosim.stepping.carrier import Carrier
 
 
 class SceneCarrier(Carrier):
-    """Carries the flange by a scene that the soft side exchanges loads with.
+    """Carries the flange by a scene, which exchanges loads with the soft side.
 
     Args:
         scene: rigid side.
@@ -43,9 +27,7 @@ class SceneCarrier(Carrier):
         contact: law of the soft robot's contact with the scene; None for no contact.
     """
 
-    def __init__(
-        self, scene: coupled_scene.CoupledScene, soft: SoftRobot, contact: ContactLaw | None
-    ) -> None:
+    def __init__(self, scene: CoupledScene, soft: SoftRobot, contact: ContactLaw | None) -> None:
         self._coupled, self._soft, self._contact_law = scene, soft, contact
         self._coupling: Coupling | None = None
 
@@ -86,7 +68,7 @@ class SceneCarrier(Carrier):
         self._coupling = self._exchanging(wrench, self._contact())
 
     def _contact(self) -> ContactExchange | None:
-        """Return the exchange of what the film touches; None where that is nothing."""
+        """Return the exchange of contact loads; None without contact."""
         scene, soft, law = self._coupled, self._soft, self._contact_law
         if law is None:
             return None
@@ -94,7 +76,7 @@ class SceneCarrier(Carrier):
 
     @abstractmethod
     def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> Coupling:
-        """Return the scheme of the exchange, with what the soft side exerts on the flange at its start."""
+        """Return the scheme of the exchange, with the soft side's wrench on the flange at its start."""
 
     def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
         assert self._coupling is not None, "couple() comes before advance()"
@@ -113,342 +95,3 @@ class SceneCarrier(Carrier):
             self.couple(Wrench())
         assert self._coupling is not None, "couple() has just made it"
         return self._coupling.interface.completed(states)
-
-
-_SETTLED_RAD = 1e-9
-
-
-@final
-@dataclass(frozen=True)
-class ArmCarrierState:
-    """Where an arm is, besides its scene and the exchange.
-
-    Args:
-        reference: (joints,) [rad] of the last increment, in statics.
-        mounted_load: (6,), of what else is fixed to the flange, in the last tick; None at rest.
-    """
-
-    reference: Array
-    mounted_load: Annotated[Array, (6,)] | None = None
-
-
-class ArmCarrier(SceneCarrier):
-    """Moves the flange by servos with inverse-dynamics feedforward.
-
-    Args:
-        arm: kinematics and inverse dynamics.
-        scene: rigid side.
-        soft: soft side.
-        payload_compensation: whether the feedforward knows the soft robot's weight.
-        mounted: rigid mass on the flange besides the soft robot, flange frame; None for none.
-        contact: law of the soft robot's contact with the scene; None for no contact.
-        exchange: scheme in which both sides exchange their loads.
-        cell: how the joints of the cell move; None where it has none.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        scene: RigidScene,
-        soft: SoftRobot,
-        payload_compensation: bool,
-        contact: ContactLaw | None = None,
-        mounted: MassProperties | None = None,
-        exchange: CouplingTable | None = None,
-        cell: CellMotion | None = None,
-    ) -> None:
-        super().__init__(scene.coupled, soft, contact)
-        self._arm, self._scene, self._cell = arm, scene, cell
-        self._compensation, self._mounted = payload_compensation, mounted
-        self._exchange = exchange or CouplingTable()
-        self._touching: tuple[LinkContact, ...] = ()
-        self.state = ArmCarrierState(np.zeros(arm.joint_count))
-        """What the next step depends on besides scene and exchange."""
-
-    @property
-    def joint_position(self) -> Array:
-        return self._scene.joint_position
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        return self._scene.joint_names
-
-    @property
-    def joint_velocity(self) -> Array:
-        return self._scene.joint_velocity
-
-    @property
-    def joint_torque(self) -> Array:
-        return self._scene.servo_torque
-
-    def flange_jacobian(self) -> Array:
-        return self._scene.flange.jacobian()
-
-    def hold(self, wrench: Wrench) -> Array:
-        scene, load = self._scene, np.concatenate([wrench.force, wrench.torque])
-        scene.servos.torque[:] = scene.bias_torque - scene.flange.jacobian().T @ load
-        return scene.servo_torque
-
-    def linear_rigid_step(self) -> Array:
-        coupling = self._coupling
-        if not isinstance(coupling, StaggeredCoupling):
-            raise InputError("a linear model is of the staggered exchange: set coupling.scheme = 'staggered'")
-        if coupling.interface.touched.count:
-            raise InputError("a linear model has no contact; move the soft robot off all bodies")
-
-        def servos(position: Array, velocity: Array) -> ServoCommands:
-            still = np.zeros((1, len(position)))
-            return self.servos(JointReference(position[None], velocity[None], still))
-
-        return rigid_jacobian(coupling.interface, coupling.carried(), servos, self._scene.servo_reference)
-
-    @property
-    def sliding(self) -> tuple[bool, ...]:
-        return tuple(self._arm.prismatic.tolist())
-
-    @property
-    def mounted(self) -> tuple[float, ...]:
-        return () if self._mounted is None else self._mounted.figures()
-
-    @property
-    def mounted_load(self) -> Array:
-        if self.state.mounted_load is not None:
-            return self.state.mounted_load
-        if self._mounted is None:
-            return np.zeros(6)
-        weight = self._mounted.mass_kg * np.array(self._scene.description.gravity)
-        lever = self.flange_pose.rotation @ self._mounted.center
-        return np.concatenate([weight, np.cross(lever, weight)])
-
-    @property
-    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
-        return self._scene.objects
-
-    @property
-    def shapes(self) -> tuple[BodyShape, ...]:
-        return self._scene.shapes
-
-    @property
-    def report(self) -> Mapping[str, str]:
-        arm, cell = self._arm, self._scene.description.cell
-        servos = f"{arm.name}, {arm.joint_count} joints, servos with inverse-dynamics feedforward"
-        notes = filter(None, (*arm.notes, self._scene.drawn_as))
-        return {
-            "Arm": "; ".join((servos, *notes)),
-            **({} if cell is None else {"Cell": cell.report}),
-            "Exchange": exchange_report(self._exchange),
-            "Payload compensation": "on" if self._compensation else "off",
-        }
-
-    def set_configuration(self, joints: Array) -> None:
-        self._scene.set_joint_state(joints)
-        self.state = ArmCarrierState(joints)
-
-    @property
-    def deflection(self) -> Array:
-        return self._scene.joint_position - self.state.reference
-
-    def track(self, reference: Array, deflection: Array) -> None:
-        self._scene.set_joint_state(reference + deflection)
-        self.state = replace(self.state, reference=reference)
-
-    def relax_under(self, reference: Array, wrench: Wrench) -> bool:
-        scene, still = self._scene, np.zeros_like(reference)
-        feedforward = self._arm.inverse_dynamics(reference, still, still, payload=self._payload())
-        joints = scene.static_configuration(reference, feedforward, wrench)
-        if float(np.abs(joints - scene.joint_position).max()) < _SETTLED_RAD:
-            return False
-        scene.set_joint_state(joints)
-        return True
-
-    def link_contacts(self, *, among_links: bool) -> tuple[LinkContact, ...]:
-        scene = self._scene
-        links = scene.links
-        self._touching = links.at(scene.joint_position) if among_links else links.with_objects()
-        return self._touching
-
-    def link_contacts_in(self, joints: Array, places: Array, quaternions: Array) -> tuple[LinkContact, ...]:
-        self._touching = self._scene.links.at(joints, places, quaternions)
-        return self._touching
-
-    def film_in_links(self, positions: Array, joints: Array) -> tuple[FilmInLink, ...]:
-        return self._scene.links.with_film(positions, joints)
-
-    def with_links(self, error: SolverError) -> SolverError:
-        touching = ", ".join(f"{contact.link} in {contact.other}" for contact in self._touching)
-        return error.at(f"with {touching}") if touching else error
-
-    @property
-    def drives_cell(self) -> bool:
-        return self._cell is not None
-
-    def drive_cell(self, phase: int, time_s: float) -> None:
-        if self._cell is not None:
-            self._scene.cell.aim(*self._cell.at(phase, time_s))
-
-    def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> Coupling:
-        load, mounted = self._mounted, None
-        if load is not None:
-            mounted = inertial_parameters(load.mass_kg, load.center, load.inertia)
-        interface = Interface(self._coupled, self._soft, wrench, contact, mounted)
-        return make_coupling(self._exchange, interface)
-
-    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
-        taken = super().advance(servos, loads)
-        if taken.done:
-            mounted_load = taken.mounted_load[taken.done - 1].copy()
-            self.state = replace(self.state, mounted_load=mounted_load)
-        return taken
-
-    def parts(self) -> dict[str, Any]:
-        return {**super().parts(), "arm": self}
-
-    def servos(self, references: JointReference) -> ServoCommands:
-        position, velocity = references.position, references.velocity
-        acceleration = references.acceleration
-        new, row = references.distinct()
-        torque, by_payload = self._arm.torque_rows(
-            position[new], velocity[new], acceleration[new], self._scene.armature
-        )
-        if not self._compensation:
-            by_payload = np.zeros_like(by_payload)
-        # MuJoCo's speeds are ways over a tick, those of its middle; position and force are of its begin
-        speed = velocity + 0.5 * self._scene.tick_s * acceleration
-        return ServoCommands(position, speed, torque[row], by_payload[row])
-
-    def _payload(self) -> Payload | None:
-        """Return what hangs on the flange as a rigid payload, at its present shape; None: unknown to it."""
-        if not self._compensation:
-            return None
-        mass = self._soft.mass_properties()
-        if self._mounted is not None:
-            mass = mass.joined(self._mounted.moved(self.flange_pose))
-        center, inertia = mass.in_frame(self.flange_pose)
-        return Payload(mass.mass_kg, center, inertia)
-
-
-@final
-class SharedArm(ArmCarrier):
-    """An arm among others: `begin`, the step of the scene, `advance`; see `ArmCarrier`."""
-
-    @property
-    def _shared(self) -> arms.SharedScene:
-        assert isinstance(self._coupled, arms.SharedScene), "several arms are in the scene"
-        return self._coupled
-
-    def set_configuration(self, joints: Array) -> None:
-        super().set_configuration(joints)
-        self._shared.flange.moved()
-
-    def begin_with_others(self, servos: ServoCommands) -> None:
-        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
-        self._coupling.begin()
-        self._shared.begin_tick()
-        asked = servos.row(0)
-        feedforward = self._coupling.interface.feedforward(asked)
-        self._scene.set_control(asked.position, asked.velocity, feedforward)
-
-    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
-        self._shared.end_tick()
-        with self._shared.lent():
-            return super().advance(servos, loads)
-
-    def parts(self) -> dict[str, Any]:
-        raise InputError("a run of several arms cannot be saved; run each arm alone, or start again")
-
-
-def make_coupling(settings: CouplingTable, interface: Interface) -> Coupling:
-    """Return the scheme that a scenario asks for."""
-    options = iterated.IterationOptions(settings.tolerance, settings.iterations_max)
-    if settings.scheme == "iterated":
-        return iterated.IteratedCoupling(interface, options)
-    return StaggeredCoupling(interface)
-
-
-def exchange_report(settings: CouplingTable) -> str:
-    """Return in words how both sides exchange their loads."""
-    if settings.scheme == "staggered":
-        return "staggered, both ways at every tick"
-    return f"iterated: every tick repeated until the loads agree to {settings.tolerance:g}"
-
-
-_NO_SERVOS: Final = ServoCommands.without_payload(*[np.zeros((1, 0))] * 3)
-
-
-@final
-class HostCarrier(SceneCarrier):
-    """A site or body of somebody's scene, which steps that: `begin`, the steps of a tick, then `advance`.
-
-    Args:
-        scene: rigid side.
-        soft: soft side.
-        contact: law of the soft robot's contact with the scene; None for no contact.
-    """
-
-    def __init__(self, scene: host_scene.HostScene, soft: SoftRobot, contact: ContactLaw | None) -> None:
-        super().__init__(scene, soft, contact)
-        self._scene = scene
-
-    @property
-    def report(self) -> Mapping[str, str]:
-        return {"Arm": "a scene that somebody else steps"}
-
-    def _exchanging(self, wrench: Wrench, contact: ContactExchange | None) -> StaggeredCoupling:
-        return StaggeredCoupling(Interface(self._coupled, self._soft, wrench, contact))
-
-    def _contact(self) -> ContactExchange | None:
-        scene, soft, far = self._scene, self._soft, self._scene.far_body
-        if far is None:
-            return super()._contact()
-        query = scene.nothing_touched() if self._contact_law is None else scene.contact_query()
-        glued = soft.body.tip, far
-        found = ContactExchange(query, scene.bodies, soft.contact_surface(), self._contact_law, glued)
-        found.glue_nodes(soft.state.positions)
-        return found
-
-    @property
-    def far_wrench(self) -> Wrench:
-        """What the soft robot exerts on what its tip is glued to, at that site or body, world axes."""
-        far, touched = self._scene.far_body, self.touched
-        place = np.flatnonzero(touched.bodies == far)
-        if far is None or not len(place):
-            return Wrench()
-        load = Wrench(touched.force[place[0]], touched.torque[place[0]])
-        return load.moved(self._scene.far_position)
-
-    def set_configuration(self, joints: Array) -> None:
-        pass
-
-    def track(self, reference: Array, deflection: Array) -> None:
-        pass
-
-    def servos(self, references: JointReference) -> ServoCommands:
-        return _NO_SERVOS
-
-    @property
-    def _staggered(self) -> StaggeredCoupling:
-        assert isinstance(self._coupling, StaggeredCoupling), "couple() comes before"
-        return self._coupling
-
-    @property
-    def positions(self) -> Array:
-        """(n, 3) [m], of the film's nodes; a view."""
-        return self._soft.state.positions
-
-    def begin(self) -> None:
-        """Begin a tick: what acts through it is on the rigid side's arrays."""
-        self._staggered.begin()
-        self._scene.begin_tick()
-
-    def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
-        self._scene.end_tick()
-        with self._scene.lent():
-            return super().advance(servos, loads)
-
-    def end(self, loads: Loads) -> TickLog:
-        """End a tick: the soft robot moves to where the flange has come, under loads at the end of the tick.
-
-        Raises:
-            ConvergenceError: the soft step has no solution.
-        """
-        return self.advance(_NO_SERVOS, [loads])

@@ -1,7 +1,7 @@
-"""Several arms in one scene, each with its soft robot: their runs advance by ticks of the same clock."""
+"""Steps several arms in one scene, each with its soft robot, by ticks of one clock."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final, final
 
@@ -10,8 +10,22 @@ from cosim.soft.contact.overlap_check import ArmsOverlapCheck
 from cosim.stepping.dynamic import DynamicSimulation
 from cosim.telemetry.tick_batch import TickBatch
 
-_SHOWN: Final = 64
-"""Ticks that are shown together."""
+_BATCH: Final = 64
+"""Ticks of an arm in a batch."""
+
+
+@final
+@dataclass(frozen=True)
+class ArmBatch:
+    """Some ticks of an arm.
+
+    Args:
+        arm: its name.
+        batch: the ticks.
+    """
+
+    arm: str
+    batch: TickBatch
 
 
 @final
@@ -19,20 +33,20 @@ class ArmsRun:
     """Steps the runs of several arms in lockstep.
 
     Args:
-        runs: by the arm's name; all have as many ticks.
-        step: takes the rigid step of a tick, once all arms have begun theirs.
+        runs: by the arm's name; all have the same number of ticks.
+        step: takes the rigid step of a tick, after all arms have begun it.
     """
 
     def __init__(self, runs: Mapping[str, DynamicSimulation], step: Callable[[], None]) -> None:
         self.runs = dict(runs)
         self._step = step
-        self._looks = {
+        self._searches = {
             names: ArmsOverlapCheck(*(self.runs[name].soft.body for name in names))
             for names in combinations(self.runs, 2)
         }
 
-    def batches(self) -> Iterator[tuple[str, TickBatch]]:
-        """Yield the state at rest of each arm, then the ticks of each, some of one phase at a time.
+    def batches(self) -> Iterator[ArmBatch]:
+        """Yield the state at rest of each arm, then its ticks in batches, each of one phase.
 
         Raises:
             SolverError: the physics could not be solved; the ticks before it have been yielded.
@@ -41,17 +55,17 @@ class ArmsRun:
         try:
             for name in self.runs:
                 self._take(name, gathered)
-            yield from self._shown(gathered, least=1)
+            yield from self._joined(gathered, least=1)
             for _ in range(next(iter(self.runs.values())).stage.ticks):
                 for run in self.runs.values():
                     run.begin_tick()
                 self._step()
                 for name in self.runs:
                     self._take(name, gathered)
-                self._look(gathered)
-                yield from self._shown(gathered, least=_SHOWN)
+                self._add_overlaps(gathered)
+                yield from self._joined(gathered, least=_BATCH)
         except (Exception, KeyboardInterrupt):
-            yield from self._shown(gathered, least=1)
+            yield from self._joined(gathered, least=1)
             raise
 
     def _take(self, name: str, gathered: dict[str, list[TickBatch]]) -> None:
@@ -60,22 +74,22 @@ class ArmsRun:
         except SolverError as error:
             raise error.at(f"arm '{name}'") from error.__cause__
 
-    def _look(self, gathered: dict[str, list[TickBatch]]) -> None:
-        """Add to the last tick where films of different arms are in one another, if it is looked for."""
-        for (one, other), look in self._looks.items():
-            if not (self.runs[one].looked() or self.runs[other].looked()):
+    def _add_overlaps(self, gathered: dict[str, list[TickBatch]]) -> None:
+        """Add overlaps between films of different arms to the last tick, if it checks overlaps."""
+        for (one, other), search in self._searches.items():
+            if not (self.runs[one].checked_overlap() or self.runs[other].checked_overlap()):
                 continue
-            found = look.overlap(self.runs[one].film_now(), self.runs[other].film_now())
-            if found is None:
+            overlap = search.overlap(self.runs[one].film_now(), self.runs[other].film_now())
+            if overlap is None:
                 continue
             for name, its in ((one, other), (other, one)):
                 last = gathered[name][-1]
-                overlaps = (*last.overlaps.get(0, ()), replace(found, arm=its))
+                overlaps = (*last.overlaps.get(0, ()), replace(overlap, arm=its))
                 gathered[name][-1] = replace(last, overlaps={**last.overlaps, 0: overlaps})
 
-    def _shown(self, gathered: dict[str, list[TickBatch]], least: int) -> Iterator[tuple[str, TickBatch]]:
-        """Yield what has been gathered of arms, where it is enough or ends a phase."""
+    def _joined(self, gathered: dict[str, list[TickBatch]], least: int) -> Iterator[ArmBatch]:
+        """Yield the gathered ticks of each arm that has enough of them or is at the end of a phase."""
         for name, batches in gathered.items():
             if batches and (len(batches) >= least or self.runs[name].at_edge):
                 gathered[name] = []
-                yield name, TickBatch.joined(batches)
+                yield ArmBatch(name, TickBatch.joined(batches))

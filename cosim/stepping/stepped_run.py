@@ -1,4 +1,4 @@
-"""A planned run that is stepped, saved between two steps, and continued from what was saved."""
+"""Base class of runs: steps a plan in batches, and saves and restores its state."""
 
 import sys
 import time
@@ -22,21 +22,27 @@ from cosim.telemetry.camera_image import CameraImage
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import Snapshot
 
-_LOOKS: Final = 8
-"""Looks in a phase, at most, at whether films overlap; the last one at its end."""
-_LOOK_TICKS: Final = 16
-"""At least between two of them."""
+TOGETHER: Final = 512
+"""Most steps in one call; more would not be faster."""
+_SHOWN: Final = 128
+"""Steps in a batch, if fewer are taken in one call: fine meshes are large."""
+_SHOWN_S: Final = 0.2
+"""Wall time of steps after which a smaller batch is yielded."""
+_OVERLAP_CHECKS: Final = 8
+"""Most checks of overlap in a phase; the last one is at its end."""
+_OVERLAP_CHECK_TICKS: Final = 16
+"""Least ticks between two checks of overlap."""
 
 
 @final
 @dataclass(frozen=True)
 class Cursor:
-    """Where in its plan a run is.
+    """Position of a run in its plan.
 
     Args:
-        tick: steps taken in all.
+        tick: number of steps taken.
         phase: index of the phase.
-        done: steps taken in that phase.
+        done: number of steps taken in that phase.
     """
 
     tick: int = 0
@@ -44,7 +50,7 @@ class Cursor:
     done: int = 0
 
     def following(self, counts: Sequence[int]) -> "Cursor | None":
-        """Return where the next step ends, with so many steps in each phase; None at the end of the plan."""
+        """Return the end of the next step, by the numbers of steps in each phase; None at the end."""
         if self.done < counts[self.phase]:
             return Cursor(self.tick + 1, self.phase, self.done + 1)
         if self.phase + 1 < len(counts):
@@ -52,28 +58,20 @@ class Cursor:
         return None
 
     def later(self, steps: int) -> "Cursor":
-        """Return where so many steps later end, in the same phase."""
+        """Return the position some steps later in the same phase."""
         return Cursor(self.tick + steps, self.phase, self.done + steps)
-
-
-TOGETHER: Final = 512
-"""Steps that may be taken in one call, where a model takes many at once: more cost no less each."""
-_SHOWN: Final = 128
-"""Steps that are shown together, where few are taken at once: fine meshes are large."""
-_SHOWN_S: Final = 0.2
-"""Wall time of steps after which they are shown, though they are fewer."""
 
 
 @final
 @dataclass(frozen=True)
 class RunState:
-    """Everything that the steps to come depend on, besides the scenario.
+    """State of a run, from which it continues with the same scenario.
 
     Args:
-        cursor: where in the plan.
+        cursor: position in the plan.
         soft: state of the soft side.
-        parts: states of all else, by name.
-        choices: what the kind of this state follows from.
+        parts: states of all other parts, by name.
+        choices: of the model, which determine the types of states.
     """
 
     cursor: Cursor
@@ -83,12 +81,12 @@ class RunState:
 
 
 class SteppedRun(ABC):
-    """Steps a planned run.
+    """Steps a planned run; subclasses are its modes.
 
     Args:
         parts: of the run.
-        stage: its unchanging description.
-        counts: steps of each phase, at least one.
+        stage: description of the run.
+        counts: number of steps of each phase, at least one.
     """
 
     def __init__(self, parts: Parts, stage: RunInfo, counts: Sequence[int]) -> None:
@@ -96,24 +94,24 @@ class SteppedRun(ABC):
         contact = next(decision for decision in stage.modelled if decision.what == CONTACT)
         self.choices = Choices.of(parts.scenario, contact)
         self._cursor: Cursor | None = None
-        self._fitting = TOGETHER  # steps that take no longer than is to pass until they are shown
-        self._failed = False  # in a step after the last one shown
+        self._fitting = TOGETHER  # steps that take at most `_SHOWN_S`
+        self._failed = False  # in a step after the last batch
         self._known = KnownStates()
         self._cameras = cameras.Cameras(parts.scenario.cameras, stage)
 
     @property
     def plan(self) -> Plan:
-        """What is commanded, phase by phase."""
+        """Plan of all phases."""
         return self._parts.plan
 
     @property
     def soft(self) -> SoftRobot:
-        """The soft side that is stepped."""
+        """The soft side."""
         return self._parts.soft
 
     @property
     def carrier(self) -> Carrier:
-        """What carries the flange."""
+        """Carrier of the flange."""
         return self._parts.carrier
 
     @property
@@ -121,33 +119,33 @@ class SteppedRun(ABC):
         """Steps taken so far; None before the state at rest is known."""
         return None if self._cursor is None else self._cursor.tick
 
-    def _looked_at(self, to: Cursor, done: int) -> list[int]:
-        """Return the rows of some ticks after which overlap of films is looked for."""
+    def _overlap_rows(self, to: Cursor, done: int) -> list[int]:
+        """Return the rows of some ticks after which overlap of films is checked."""
         count = self._counts[to.phase]
-        looks = max(1, min(_LOOKS, count // _LOOK_TICKS))
-        rows = {-(-count * k // looks) - to.done for k in range(1, looks + 1)}
+        checks = max(1, min(_OVERLAP_CHECKS, count // _OVERLAP_CHECK_TICKS))
+        rows = {-(-count * k // checks) - to.done for k in range(1, checks + 1)}
         return sorted(row for row in rows if 0 <= row < done)
 
     def steps(self, most: int | None = None) -> Iterator[Snapshot]:
-        """Yield the state at rest, unless the run has begun, then that after every step to come.
+        """Yield the state at rest, unless the run has begun, then the state after every further step.
 
-        In between the run may be saved, where it `saves_now`, or restored: the next step is the one after
-        that state's.
+        Between two steps the run may be saved, if it `saves_now`, or restored; the next step then follows the
+        restored state.
 
         Args:
-            most: states to yield, and steps to take for them; None for all.
+            most: number of states to yield; None for all.
 
         Raises:
-            SolverError: the physics could not be solved; the snapshots so far stand.
+            SolverError: the physics could not be solved; the snapshots so far are valid.
         """
-        for taken in self.batches(1, most):
-            yield from taken
+        for batch in self.batches(1, most):
+            yield from batch
 
     def batches(self, together: int = TOGETHER, most: int | None = None) -> Iterator[tick_batch.TickBatch]:
-        """Yield the same many steps at a time, all of one phase: this costs less.
+        """Yield the same in batches of steps of one phase, which is faster.
 
         Args:
-            together: steps that may be taken before the first of them is shown, at least one.
+            together: most steps in a batch, at least one.
             most: as in `steps`.
 
         Raises:
@@ -158,12 +156,12 @@ class SteppedRun(ABC):
         try:
             while wanted:
                 room = max(1, min(_SHOWN, together) - count) if gathered else together
-                taken = self._some(min(room, wanted))
-                if taken is None:
+                batch = self._some(min(room, wanted))
+                if batch is None:
                     break
-                gathered.append(taken)
-                count, wanted = count + len(taken), wanted - len(taken)
-                spent_s += float(taken.tick_wall_s.sum())
+                gathered.append(batch)
+                count, wanted = count + len(batch), wanted - len(batch)
+                spent_s += float(batch.tick_wall_s.sum())
                 if count >= min(_SHOWN, together) or spent_s >= _SHOWN_S or self.at_edge:
                     shown, gathered, count, spent_s = gathered, [], 0, 0.0
                     yield tick_batch.TickBatch.joined(shown)
@@ -176,26 +174,26 @@ class SteppedRun(ABC):
             yield tick_batch.TickBatch.joined(gathered)
 
     def advance(self, steps: int) -> Snapshot:
-        """Take some steps, at least one, and return what is there then; the first finds the state at rest.
+        """Take some steps, at least one, and return the last; the first one of a run is its state at rest.
 
         Raises:
             SolverError: the physics could not be solved.
         """
-        for taken in self.batches(most=steps):
-            last = taken
+        for batch in self.batches(most=steps):
+            last = batch
         return last.snapshot(-1)
 
     def command(self, command: Command, ticks: int) -> None:
-        """Take up a command for the ticks to come; see `LiveCommands.command`."""
+        """Set a command for the next ticks; see `LiveCommands.command`."""
         self._parts.commands.command(command, ticks)
         self._forget_ahead()
 
     def measured(self, last: Snapshot, sensors: Sequence[str] = ()) -> Measurement:
-        """Return what is measured of the run after its last step, which a snapshot shows.
+        """Return the measurement after the last step.
 
         Args:
-            last: that snapshot.
-            sensors: names of those whose readings take the place of the truth.
+            last: snapshot of that step.
+            sensors: names of sensors whose readings replace exact values.
 
         Raises:
             InputError: there is no such sensor.
@@ -203,46 +201,46 @@ class SteppedRun(ABC):
         return self._parts.measured(last.time_s, last.cable_tension_N, sensors)
 
     def seeded(self, last: Snapshot, seed: int) -> Snapshot:
-        """Let the sensors begin with a seed after the last step, and return its snapshot with them."""
+        """Restart the sensors with a seed, and return the last snapshot with their readings."""
         return self._parts.seeded(last, seed)
 
     def _some(self, most: int) -> tick_batch.TickBatch | None:
-        """Find the state at rest, or take up to so many steps, at least one; None at the end of the plan."""
+        """Return the state at rest, or one or several steps; None at the end of the plan."""
         if self._cursor is None:
             began = time.perf_counter()
             try:
                 first = self._start(began)
             except SolverError as error:
                 raise error.at("at the start") from error.__cause__
-            self._cursor, self._fitting = Cursor(), 1  # until it is known how long steps take
+            self._cursor, self._fitting = Cursor(), 1  # the duration of steps is unknown
             return self._cameras.filmed(first)
         to = self._cursor.following(self._counts)
         if to is None:
             return None
-        taken = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
-        self._cursor = to.later(len(taken) - 1)
+        batch = self._located(to, min(most, self._fitting, self._counts[to.phase] - to.done + 1))
+        self._cursor = to.later(len(batch) - 1)
         if self.at_edge and (end := self._parts.soft.end_state) is not None:
-            taken = replace(taken, ends={len(taken) - 1: end})
-        self._fitting = max(1, int(_SHOWN_S / max(float(taken.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
-        return self._cameras.filmed(taken) if self.stage.cameras else taken
+            batch = replace(batch, ends={len(batch) - 1: end})
+        self._fitting = max(1, int(_SHOWN_S / max(float(batch.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
+        return self._cameras.filmed(batch) if self.stage.cameras else batch
 
     def image(self, camera: str, last: Snapshot) -> CameraImage:
-        """Return what a camera sees, by its name, in a snapshot.
+        """Return the image of a camera, by its name, at a snapshot.
 
         Raises:
             InputError: there is no such camera.
-            OutputError: nothing can draw here.
+            OutputError: no driver for drawing was found.
         """
         return self._cameras.image(camera, last)
 
     @property
     def at_edge(self) -> bool:
-        """Whether no further step of the phase of the last one is to come."""
+        """Whether the last step is the end of its phase."""
         cursor = self._cursor
         return cursor is None or cursor.done in (0, self._counts[cursor.phase])
 
     def _located(self, to: Cursor, most: int) -> tick_batch.TickBatch:
-        """Take steps as `_take` does; an error says in which of them it was raised."""
+        """Take steps as `_take` does; an error names its step."""
         parts, planned = self._parts, self._parts.plan.phases[to.phase]
         try:
             with parts.soft.searching(f"phase.{planned.phase.name}, {self._step_of(to)}"):
@@ -255,44 +253,44 @@ class SteppedRun(ABC):
 
     @property
     def saves_now(self) -> bool:
-        """Whether no step has been taken, or begun, beyond the one shown last."""
+        """Whether no step has been taken, or begun, after the last batch."""
         return not self._failed
 
     @property
     @abstractmethod
     def state(self) -> Any:
-        """What the steps to come depend on besides soft side, carrier and commands; None before the first."""
+        """State of the mode, in addition to soft side, carrier and commands; None before the first step."""
 
     @state.setter
     @abstractmethod
     def state(self, state: Any) -> None:
-        """Set it, after all the rest.
+        """Set the state, after those of all other parts.
 
         Raises:
             InputError: the state does not fit.
         """
 
     def save_state(self) -> RunState:
-        """Return the present state; costs little, as arrays are shared.
+        """Return the present state, which shares arrays with the run.
 
         Raises:
             InputError: the run has not begun, or is in the middle of a step.
         """
         if self._cursor is None:
-            raise InputError("a run can be saved once its state at rest is known: take the first of steps()")
+            raise InputError("the state at rest is not known yet: take the first of steps() before saving")
         if not self.saves_now:
-            raise InputError(f"a later tick than {self._cursor.tick} has been begun: save before or after it")
+            raise InputError(f"a later tick than {self._cursor.tick} has begun: save before or after it")
         soft, parts = self._parts.soft.full_state, states_of(self.parts())
         saved = RunState(self._cursor, soft, parts, self.choices)
         self._known.add(saved)
         return saved
 
     def parts(self) -> dict[str, Any]:
-        """Return what the steps to come depend on besides the soft side, by name, see `restore_states`."""
+        """Return the parts with a state, without the soft side, by name, see `restore_states`."""
         return {"run": self, **self._parts.carrier.parts(), **self._parts.commands.parts()}
 
     def restore_state(self, state: RunState) -> None:
-        """Return to a state of `save_state`, of this run or of one whose parts have the same sizes.
+        """Restore a state of this run, or of a run whose parts have the same sizes.
 
         Raises:
             InputError: the state does not fit.
@@ -325,30 +323,30 @@ class SteppedRun(ABC):
             raise InputError(f"the saved state is at step {cursor.tick}, which is not {cursor}")
 
     def _begin_phase(self, phase: int, flange: Pose) -> None:
-        """Change what is held and what is asked for, with the flange where it is."""
+        """Begin a phase: its clamps, at the present pose of the flange, and its commands."""
         self._parts.plan.phases[phase].holding.apply(self._parts.soft, flange)
         self._parts.commands.begin_phase(phase)
 
-    def _forget_ahead(self) -> None:  # noqa: B027  # not every mode works anything out
-        """Forget what has been worked out of the steps to come."""
+    def _forget_ahead(self) -> None:  # noqa: B027  # not every mode computes commands ahead
+        """Drop the commands of later steps."""
 
     @abstractmethod
     def _start(self, began: float) -> tick_batch.TickBatch:
-        """Bring everything to rest where the plan starts; `began` is when the work on it did."""
+        """Return the state at rest at the plan's start; the work on it began at `began`."""
 
     @abstractmethod
     def _take(self, to: Cursor, most: int) -> tick_batch.TickBatch:
-        """Take steps of a phase, the first of which ends at `to`: at least that, and up to so many."""
+        """Take up to `most` steps of a phase, at least the one that ends at `to`."""
 
     @abstractmethod
     def _step_of(self, to: Cursor) -> str:
-        """Return what the step that ends at `to` is called."""
+        """Return the name of the step that ends at `to`."""
 
 
 def whereabouts(
     phase: str, step: str, pressures_Pa: Sequence[float], tensions_N: Sequence[float], cables: Sequence[str]
 ) -> str:
-    """Return phase, step, pressures and the largest cable tension of a step that has failed.
+    """Return a text with phase, step, pressures and the largest cable tension of a failed step.
 
     Args:
         phase: its name.

@@ -13,17 +13,19 @@ Truth: TypeAlias = Literal["finest", "refined"]
 
 SLOWEST: Final = 0.05
 """Real-time factor below which a candidate is stopped, unless the user gives another one."""
-_REFERENCE_SLOWEST: Final = 0.1  # share of that bound for a reference: nothing is measured without it
+_REFERENCE_SLOWEST: Final = 0.1
+"""The bound of a reference, over that of a candidate: without a reference there are no errors."""
 _TICKS_S: Final = (0.001, 0.002, 0.005, 0.01, 0.02)
 _QUICK_TICKS_S: Final = (0.002, 0.005, 0.02)
 _RUNG_TICKS_S: Final = {"rigid": (0.002, 0.02), "section": _TICKS_S}
 """Ticks of the fidelities below the lumped one, the cheapest fidelity first."""
 _MESH_TICK_S: Final = 0.01
-_TRIANGLES_MAX: Final = 5000  # of the truth: beyond, its run takes hours
+_TRIANGLES_MAX: Final = 5000
+"""Triangles of a refined reference: with more, its run takes hours."""
 _GRID_S: Final = 0.02
-"""Durations are cut to multiples of this, so that every tick divides them."""
-_CONVERGED_SHARE: Final = 0.01
-"""Residual of a converged tick over that of one with one tangent."""
+"""Durations are rounded to multiples of this, so that every tick divides them."""
+_CONVERGED_RATIO: Final = 0.01
+"""Residual of a converged tick over that of a tick with one tangent."""
 
 
 @final
@@ -34,10 +36,9 @@ class Candidate:
     Args:
         name: for the table.
         changes: overrides of the scenario, by key path.
-        reference: whether the others are measured against it: of several, against the first that runs to its
-            end.
-        commanded: whether tensions and flange poses for the tip's targets are those of the scenario's own
-            model; otherwise they are planned again, as `cosim run` does.
+        reference: whether other candidates are compared with it; of several, with the first that completes.
+        commanded: whether tensions and flange poses for the tip's targets are those of the scenario's model;
+            otherwise they are planned again, as `cosim run` does.
         slowest: real-time factor below which its run is stopped; 0: none.
     """
 
@@ -55,7 +56,7 @@ class Candidate:
 
 
 def _toml(value: Any) -> str:
-    """Return a value as `--set` reads it."""
+    """Return a value as text for `--set`."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
@@ -71,21 +72,21 @@ def candidates_of(
 
     Args:
         scenario: checked, in the dynamic mode.
-        quick: fewer of them, none with a refined mesh.
+        quick: whether there are fewer, none with a refined mesh.
         time_scale: factor on the duration of every phase that does not shake.
-        truth: what they are measured against: "finest", the scenario's own mesh at the finest tick, or
-            "refined", a wrinkling film on the finest mesh that can be afforded.
+        truth: the reference: "finest", the scenario's mesh at the finest tick, or "refined", a wrinkling film
+            on the finest affordable mesh.
         slowest: real-time factor below which a candidate is stopped, a reference at a tenth of it; 0: none.
 
     Raises:
-        InputError: the scenario is quasistatic, or the factor not positive.
+        InputError: the scenario is quasistatic, or the factor is not positive.
     """
     if scenario.mode != "dynamic":
-        raise InputError(f"a trade is of dynamic runs; the mode of '{scenario.name}' is {scenario.mode}")
+        raise InputError(f"a trade needs dynamic runs; the mode of '{scenario.name}' is {scenario.mode}")
     if not time_scale > 0.0:
         raise InputError(f"the time scale is {time_scale}; it must be positive")
     if truth == "refined" and quick:
-        raise InputError("a quick trade runs no refined mesh to measure against")
+        raise InputError("a quick trade has no refined mesh: leave out --quick or --truth refined")
     candidates = _time_candidates(scenario, _QUICK_TICKS_S if quick else _TICKS_S)
     meshes = [] if quick else _mesh_candidates(scenario)
     if truth == "refined":
@@ -104,11 +105,11 @@ def candidates_of(
 
 
 def _time_candidates(scenario: Scenario, ticks_s: tuple[float, ...]) -> list[Candidate]:
-    """Return the ways to step time, and the lower fidelities, the longest tick last."""
+    """Return the candidates of each way to step time, and of the lower fidelities, the longest tick last."""
     one = {"solver.dynamic_newton_iterations": 1}
     converged = {
         "solver.dynamic_newton_iterations": 50,
-        "solver.dynamic_tolerance_N": _CONVERGED_SHARE * scenario.solver.dynamic_tolerance_N,
+        "solver.dynamic_tolerance_N": _CONVERGED_RATIO * scenario.solver.dynamic_tolerance_N,
     }
 
     def lumped(label: str, tick_s: float, iterations: str) -> Candidate:
@@ -117,7 +118,7 @@ def _time_candidates(scenario: Scenario, ticks_s: tuple[float, ...]) -> list[Can
         further = converged if iterations == "converged" else one
         return Candidate(name, {**_stepped("lumped", tick_s, integrator), **further})
 
-    # converging every tick gains nothing where the integrator's own error is larger, as that of Euler is
+    # converging every tick gains nothing with Euler, whose integration error is larger
     ways = ("Euler", "1 tangent"), ("BDF2", "1 tangent"), ("BDF2", "converged")
     candidates = [replace(lumped("BDF2", 0.5 * ticks_s[0], "converged"), reference=True)]
     candidates += [lumped(label, tick_s, iterations) for tick_s in ticks_s for label, iterations in ways]
@@ -134,7 +135,7 @@ def _stepped(fidelity: str, tick_s: float, integrator: str) -> dict[str, Any]:
 
 
 def _can_be(scenario: Scenario, fidelity: str) -> bool:
-    """Whether a scenario can be run at a fidelity; where not, one candidate says why."""
+    """Return whether a scenario can be run at a fidelity; if not, a single candidate shows the reason."""
     try:
         loading.load_scenario(scenario, {"fidelity": fidelity})
     except ScenarioError:
@@ -147,7 +148,7 @@ def _milliseconds(seconds: float) -> str:
 
 
 def _durations(scenario: Scenario, scale: float) -> dict[str, float]:
-    """Return the changes that make every phase shorter by a factor, but those that shake or follow a path."""
+    """Return changes that shorten every phase by a factor, except those that shake or follow a path."""
     if scale == 1.0:
         return {}
 
@@ -164,41 +165,40 @@ def _durations(scenario: Scenario, scale: float) -> dict[str, float]:
 
 
 def _mesh_candidates(scenario: Scenario) -> list[Candidate]:
-    """Return what represents the truth, the best first, the scenario's own film on a refined mesh last.
+    """Return the references, the best first, the scenario's film on a refined mesh last.
 
-    The best is the wrinkling film on the finest mesh that can be afforded. The same film on the next coarser
-    mesh shows how far from converged that is. Where neither has an equilibrium, the scenario's own film is
-    the reference. The tick is long, because these runs are slow. Where something can move, it is the
-    scenario's own, because grasps fail with long ticks.
+    The best is the wrinkling film on the finest affordable mesh. The same film on the next coarser mesh shows
+    its error. If neither has an equilibrium, the scenario's film is the reference. The tick is long, because
+    these runs are slow. With movable objects it is the scenario's tick, because grasps fail with long ticks.
     """
-    light = any(entry.mass_kg is not None for entry in scenario.objects) or bool(scenario.wires)
-    same = {"fidelity": "lumped", "clock.tick_s": scenario.clock.tick_s if light else _MESH_TICK_S}
-    found = {**_wrinkling_films(scenario), "refined once more": {"fidelity": "refined"}}
-    return [Candidate(name, {**same, **changes}, True, commanded=True) for name, changes in found.items()]
+    movable = any(entry.mass_kg is not None for entry in scenario.objects) or bool(scenario.wires)
+    same = {"fidelity": "lumped", "clock.tick_s": scenario.clock.tick_s if movable else _MESH_TICK_S}
+    films = {**_wrinkling_films(scenario), "refined once more": {"fidelity": "refined"}}
+    return [Candidate(name, {**same, **changes}, True, commanded=True) for name, changes in films.items()]
 
 
 def _wrinkling_films(scenario: Scenario) -> dict[str, dict[str, Any]]:
     robot, times = rules.file_of(scenario, "a trade"), 1
     parts = _parts(robot, "soft_robot")
     wrinkling = {"model.published": False, **{f"{path}.film.law": "wrinkling" for path in parts}}
-    if robot.stack is None:  # a film with a source of its own is not divided
+    if robot.stack is None:  # the mesh of a film from a file or pattern is not refined
         return {"wrinkling film": wrinkling}
     while robot.triangles << 2 * (times + 1) <= _TRIANGLES_MAX:
         times += 1
     stacks = {path: part.stack for path, part in parts.items() if part.stack is not None}
-    found: dict[str, dict[str, Any]] = {}
+    films: dict[str, dict[str, Any]] = {}
     for finer in (times, times - 1):
-        as_it_is = finer == 0 and not scenario.model.published
-        if as_it_is and all(part.film.law == "wrinkling" for part in parts.values()):
-            continue  # the model as it is
+        unchanged = finer == 0 and not scenario.model.published
+        if unchanged and all(part.film.law == "wrinkling" for part in parts.values()):
+            continue  # this is the scenario's model
         refined = {f"{path}.stack.refine": stack.refine + finer for path, stack in stacks.items()}
-        found[f"wrinkling film, refine +{finer}"] = {**wrinkling, **refined}
-    return found
+        films[f"wrinkling film, refine +{finer}"] = {**wrinkling, **refined}
+    return films
 
 
 def _parts(robot: SoftRobotTable, path: str) -> dict[str, SoftRobotTable]:
-    """Return a robot and all that it carries, by key path."""
-    found = {path: robot}
+    """Return a robot and its attached robots, by key path."""
+    parts = {path: robot}
     for part in robot.attachments:
-        found |= _parts(part.robot, f"{path}.attach.{part.name}.robot")
-    return found
+        parts |= _parts(part.robot, f"{path}.attach.{part.name}.robot")
+    return parts

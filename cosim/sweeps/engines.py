@@ -1,6 +1,5 @@
-"""What runs the designs of a study: processes of this machine, a Dask cluster, or any executor.
-
-Hands designs out to workers and takes rows in, whatever happens to the workers.
+"""Sends designs to workers and receives their rows: processes of this machine, a Dask cluster, or any
+executor.
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -13,15 +12,29 @@ from typing import Any, Final, TypeAlias, final
 from cosim.app.workers import begin_process, one_thread_each
 from cosim.base.compilation import processors
 from cosim.errors import InputError
-from cosim.sweeps.table import LOST, Row, Task
+from cosim.sweeps.designs import LOST, Row, Task
 
 PROCESSES: Final = "processes"
 _SCHEMES: Final = ("tcp://", "tls://", "ucx://", "ws://", "wss://")
-"""What addresses of Dask schedulers begin with."""
+"""Beginnings of the addresses of Dask schedulers."""
 _CONNECT_S: Final = 15
 _QUEUED: Final = 4
-"""Designs handed out per worker: enough that none waits for its next one."""
+"""Designs sent to each worker at once, so that no worker waits."""
 _QUEUED_UNKNOWN: Final = 256
+_DIED: Final = "the worker's process died: out of memory, or by an error in a library"
+
+
+Run: TypeAlias = Callable[[Task], Row]
+"""Runs a design in a worker."""
+
+
+@final
+@dataclass(frozen=True)
+class IdentifiedTask:
+    """A task with the identity of its design."""
+
+    identity: str
+    task: Task
 
 
 @final
@@ -30,9 +43,9 @@ class Pool:
     """An executor, ready to work.
 
     Args:
-        executor: of the standard library's kind.
-        window: designs to hand out at a time.
-        replaceable: whether another one can be made when it breaks.
+        executor: of the standard library's type.
+        window: designs to send at a time.
+        replaceable: whether another one can be made if it breaks.
     """
 
     executor: Executor
@@ -68,7 +81,7 @@ class Engine:
 
     @contextmanager
     def pool(self) -> Iterator[Pool]:
-        """Open the executor; one that was made here is closed at the end, and drops what is queued.
+        """Open the executor; if it was made here, it is closed at the end, without queued designs.
 
         Raises:
             InputError: the cluster cannot be reached, or Dask is not installed.
@@ -104,68 +117,65 @@ def _client(address: str) -> Iterator[Any]:
         yield client
 
 
-Run: TypeAlias = Callable[[Task], Row]
-"""What a worker does with a design; it is sent to it."""
-Named: TypeAlias = tuple[str, Task]
-"""A design with the name of its contents."""
-_DIED: Final = "the worker's process died, for want of memory or in a library"
+def rows_of(engine: Engine, run: Run, tasks: Iterable[IdentifiedTask]) -> Iterator[tuple[str, Row]]:
+    """Yield identity and row of each task, in the order of their completion.
 
-
-def rows_of(engine: Engine, run: Run, tasks: Iterable[Named]) -> Iterator[tuple[str, Row]]:
-    """Yield the row of each task, by its name, as they are done.
-
-    When a process dies, all designs under way are gone with it; they run again one by one, so that the one
-    that ends its worker is known.
+    When a process dies, all designs in progress are lost; they run again one by one to find the design that
+    ends its worker.
 
     Args:
         engine: makes the workers.
-        run: what they do.
+        run: called by the workers.
         tasks: read a few ahead of the workers.
     """
     rest = iter(tasks)
-    broken: list[Named] = []
+    broken: list[IdentifiedTask] = []
     while True:
         with engine.pool() as pool:
-            broken = yield from _fed(pool, run, rest)
+            broken = yield from _sent(pool, run, rest)
         if not broken:
             return
-        for name, task in broken:
+        for each in broken:
             if not pool.replaceable:
-                yield name, Row(LOST, _DIED)
+                yield each.identity, Row(LOST, _DIED)
                 continue
             with engine.pool() as another:
-                if (yield from _fed(another, run, [(name, task)])):
-                    yield name, Row(LOST, _DIED)
+                if (yield from _sent(another, run, [each])):
+                    yield each.identity, Row(LOST, _DIED)
         if not pool.replaceable:
-            yield from ((name, Row(LOST, _DIED)) for name, _ in rest)
+            yield from ((each.identity, Row(LOST, _DIED)) for each in rest)
             return
 
 
-def _fed(pool: Pool, run: Run, tasks: Iterable[Named]) -> Generator[tuple[str, Row], None, list[Named]]:
-    """Yield rows until all tasks are done; return those that were under way when the executor broke."""
-    under_way: dict[Future[Row], Named] = {}
-    broken: list[Named] = []
-    for named in tasks:
+def _sent(
+    pool: Pool, run: Run, tasks: Iterable[IdentifiedTask]
+) -> Generator[tuple[str, Row], None, list[IdentifiedTask]]:
+    """Yield rows until all tasks are done; return the tasks in progress when the executor broke."""
+    running: dict[Future[Row], IdentifiedTask] = {}
+    broken: list[IdentifiedTask] = []
+    for each in tasks:
         try:
-            under_way[pool.executor.submit(run, named[1])] = named
+            running[pool.executor.submit(run, each.task)] = each
         except BrokenExecutor:
-            broken.append(named)
+            broken.append(each)
             break
-        if len(under_way) >= pool.window:
-            yield from _taken(under_way, broken)
+        if len(running) >= pool.window:
+            yield from _received(running, broken)
         if broken:
             break
-    while under_way:
-        yield from _taken(under_way, broken)
+    while running:
+        yield from _received(running, broken)
     return broken
 
 
-def _taken(under_way: dict[Future[Row], Named], broken: list[Named]) -> Iterator[tuple[str, Row]]:
-    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-        name, task = under_way.pop(future)
+def _received(
+    running: dict[Future[Row], IdentifiedTask], broken: list[IdentifiedTask]
+) -> Iterator[tuple[str, Row]]:
+    for future in wait(running, return_when=FIRST_COMPLETED).done:
+        each = running.pop(future)
         try:
-            yield name, future.result()
+            yield each.identity, future.result()
         except BrokenExecutor:
-            broken.append((name, task))
-        except Exception as error:  # of a cluster that lost its worker, or of a task that does not travel
-            yield name, Row(LOST, f"{type(error).__name__}: {error}")
+            broken.append(each)
+        except Exception as error:  # a cluster lost its worker, or a task cannot be pickled
+            yield each.identity, Row(LOST, f"{type(error).__name__}: {error}")

@@ -1,4 +1,4 @@
-"""Names of the figures that the runs of a study will have, so that a wrong one is refused before they run."""
+"""Names of the figures of a study's runs, to refuse wrong names before the runs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cosim.config.schema.phase import PhaseTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.toml.keys import LONGEST_NAME
 from cosim.errors import InputError, ScenarioError
-from cosim.sweeps.table import PHASES
+from cosim.sweeps.run_figures import PHASES
 
 OF_A_RUN: Final = (
     "tick_s", "simulated_s", "ticks", "planned_ticks",
@@ -30,7 +30,7 @@ OF_A_PHASE: Final = (
 
 
 def check_figures(study: studies.StudyTable) -> None:
-    """Check that some design of a study has each of its figures; those of a `measure` are not known.
+    """Check that some design of a study has each of its figures; figures of a `measure` are not checked.
 
     Args:
         study: checked by `load_study`.
@@ -40,7 +40,7 @@ def check_figures(study: studies.StudyTable) -> None:
     """
     left, known = list(study.figures), dict[str, None]()
     for varied in studies.designs_of(study) if left and study.measure is None else ():
-        with suppress(InputError):  # a design that cannot be loaded is a row that says why
+        with suppress(InputError):  # the row of a design that cannot be loaded has the reason
             scenario = loading.load_scenario(study.scenario, {**study.set, **varied})
             known |= dict.fromkeys(_names(scenario))
         left = [wanted for wanted in left if known and not _is_known(wanted, known)]
@@ -58,12 +58,12 @@ def _no_such(wanted: str, known: tuple[str, ...]) -> str:
 
 
 def _is_known(wanted: str, known: dict[str, None]) -> bool:
-    """Return whether it is a known name, or begins with one, or known ones begin with it."""
+    """Return whether a name is known, or is below or above a known name."""
     return any(f"{wanted}.".startswith(f"{name}.") or name.startswith(f"{wanted}.") for name in known)
 
 
 def _names(scenario: Scenario) -> Iterator[str]:
-    """Yield how figures of the run, of its last phase, and of every phase begin."""
+    """Yield the names of figures of the run, of its last phase, and of every phase."""
     yield from OF_A_RUN
     yield from _of_phase(scenario.phases[-1])
     for phase in scenario.phases:

@@ -13,13 +13,13 @@ from cosim.base.frames import Array, Shown
 @final
 @dataclass(frozen=True)
 class CameraInfo:
-    """A camera, for whoever shows its pictures.
+    """A camera.
 
     Args:
-        name: of it.
+        name: of the camera.
         size: (2,) width and height in pixels.
         fov_rad: from the lower to the upper edge.
-        rate_Hz: pictures per second.
+        rate_Hz: images per second.
     """
 
     name: str
@@ -36,12 +36,12 @@ class CameraInfo:
 @final
 @dataclass(frozen=True, eq=False)
 class CameraImage(Shown):
-    """What a camera sees.
+    """An image of a camera.
 
     Args:
         camera: its name.
         rgb: (height, width, 3), from the upper left corner.
-        depth_m: (height, width), along the camera's line of sight; infinite where nothing is.
+        depth_m: (height, width), along the camera's line of sight; infinite for the background.
         segments: (height, width), 0: nothing, 1: film, 2 + k: body k of `RunInfo.body_names`.
         position: (3,) [m] of the camera, world.
         rotation: (3, 3), world from camera: x to the right, y up, z against the line of sight.

@@ -1,4 +1,4 @@
-"""Cameras of a run: where they are, when they look, and what they see."""
+"""Cameras of a run: their poses, the ticks of their images, and the images."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ _ROUNDING_S: Final = 1e-9
 
 @final
 class Cameras:
-    """The cameras of a run; what draws is made when the first of them looks.
+    """The cameras of a run; the renderer is made for the first image.
 
     Args:
         tables: of the scenario.
@@ -34,10 +34,10 @@ class Cameras:
         self._renderer: SceneRenderer | None = None
 
     def filmed(self, batch: TickBatch) -> TickBatch:
-        """Return ticks with the pictures that are due in them.
+        """Return ticks with the images that are due in them.
 
         Raises:
-            OutputError: nothing can draw here.
+            OutputError: no driver for drawing was found.
         """
         if not self._tables:
             return batch
@@ -47,11 +47,11 @@ class Cameras:
         ).tolist():
             snapshot = batch.snapshot(row)
             due = [table for table in self._tables if self._due(table, batch)[row]]
-            images[row] = tuple(self._seen(table, snapshot) for table in due)
+            images[row] = tuple(self._image(table, snapshot) for table in due)
         return replace(batch, images=images) if images else batch
 
     def image(self, name: str, snapshot: Snapshot) -> CameraImage:
-        """Return what a camera sees.
+        """Return the image of a camera.
 
         Args:
             name: of the camera.
@@ -59,23 +59,23 @@ class Cameras:
 
         Raises:
             InputError: there is no such camera.
-            OutputError: nothing can draw here.
+            OutputError: no driver for drawing was found.
         """
         for table in self._tables:
             if table.name == name:
-                return self._seen(table, snapshot)
+                return self._image(table, snapshot)
         names = ", ".join(table.name for table in self._tables)
         raise InputError(f"there is no camera '{name}'; there are: {names or 'none'}")
 
     def _due(self, table: CameraTable, batch: TickBatch) -> Array:
-        """Return whether a camera looks after each tick: the first one of each of its frames."""
+        """Return whether a camera takes an image after each tick: the first tick of each of its frames."""
         if self._stage.mode != "dynamic":
             return np.ones(len(batch), dtype=bool)
         now = batch.time_s + _ROUNDING_S
         frames = (np.floor(time * table.rate_Hz) for time in (now, now - self._stage.tick_s))
         return np.not_equal(*frames)
 
-    def _seen(self, table: CameraTable, snapshot: Snapshot) -> CameraImage:
+    def _image(self, table: CameraTable, snapshot: Snapshot) -> CameraImage:
         renderer = self._renderer or self._made(len(snapshot.node_position))
         renderer.place(snapshot.body_position, snapshot.body_quaternion, snapshot.node_position)
         origin, axes = self._carrier(table, snapshot)
@@ -113,8 +113,8 @@ def looking(direction: Array, up: Array) -> Array:
     """Return the axes (3, 3) of a camera: x to the right, y up, z against the line of sight.
 
     Args:
-        direction: (3,), in which it looks.
-        up: (3,), that is up in the picture, not along the direction.
+        direction: (3,), line of sight.
+        up: (3,), up in the image, not along the direction.
     """
     back = -direction / np.linalg.norm(direction)
     right = np.cross(up, back)
@@ -123,5 +123,5 @@ def looking(direction: Array, up: Array) -> Array:
 
 
 def segment_names(body_names: Sequence[str]) -> Mapping[int, str]:
-    """Return what the numbers of `CameraImage.segments` mean; see `cosim.rigid.scene.renderer`."""
+    """Return the names of the numbers in `CameraImage.segments`; see `cosim.rigid.scene.renderer`."""
     return dict(enumerate(("nothing", "film", *body_names)))

@@ -1,35 +1,35 @@
-"""The energy balance of a run as it is saved: works so far, and what the next tick is compared with."""
+"""The energy balance of a run as it is saved: works so far, and the last tick."""
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol, final
+from typing import Annotated, Final, Protocol, final
 
 import numpy as np
 
 from cosim.base.frames import Array
 from cosim.base.names import LOST, PUT_IN, TERMS, WORKS
 
-KINETIC = 0
-"""Place of the kinetic energy in the sums of a tick."""
+KINETIC: Final = 0
+"""Index of the kinetic energy in the sums of a tick."""
 
 
 class Elastic(Protocol):
-    """What tells the elastic energy of a shape."""
+    """A body with an elastic energy."""
 
     def elastic(self, positions: Array) -> float:
-        """Return it [J] at positions (n, 3) [m]."""
+        """Return the elastic energy [J] at positions (n, 3) [m]."""
 
 
 @final
 @dataclass(frozen=True)
 class EnergyRow:
-    """What the next tick is compared with.
+    """The last tick, with which the next one is compared.
 
     Args:
         motion: see `fill_motion`.
         sums: (COLUMNS,).
-        length: (s,) [m].
-        seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, place and axes of the flange.
-        begun: positions [m] and velocities [m/s] before the last tick, if that was taken in pieces.
+        length: (s,) [m] of cable segments.
+        seen: (columns,), volumes [m^3], pressures [Pa], tensions [N], wrench, pose of the flange.
+        begun: positions [m] and velocities [m/s] before the last tick, if it was taken in substeps.
     """
 
     motion: Annotated[Array, (6, "nodes", 3)]
@@ -48,8 +48,8 @@ class EnergyFigures:
         works: [J], in the order of `WORKS`.
         done: work of all forces [J], by the masses' accelerations.
         elastic: elastic energy at the start [J].
-        ticks: seen.
-        last: of them; None before the first.
+        ticks: number of ticks.
+        last: last tick; None before the first.
     """
 
     works: tuple[float, ...] = (0.0,) * len(WORKS)
@@ -63,12 +63,13 @@ class EnergyFigures:
         if self.last is None:
             return {}
         elastic = np.array([parts.elastic(self.last.motion[0]) - self.elastic])
-        found = balance(np.array([self.works]), elastic, self.last.sums[KINETIC, None], np.array([self.done]))
-        return dict(zip(TERMS, found[0].tolist(), strict=True))
+        kinetic, done = self.last.sums[KINETIC, None], np.array([self.done])
+        terms = balance(np.array([self.works]), elastic, kinetic, done)
+        return dict(zip(TERMS, terms[0].tolist(), strict=True))
 
 
 def balance(works: Array, elastic: Array, kinetic: Array, done: Array) -> Array:
-    """Return works (k, works) and what follows from them (k, terms) [J]."""
+    """Return works (k, works) with the terms that follow from them, (k, terms) [J]."""
     numerical = done - kinetic
     signed = np.array([float(name in PUT_IN) - float(name in LOST) for name in WORKS])
     rest = works @ signed - elastic - kinetic - numerical

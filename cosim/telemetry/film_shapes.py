@@ -1,4 +1,4 @@
-"""The film at the ends of some ticks: read when somebody asks for it, all ticks together."""
+"""Shapes of the film at the ends of some ticks, read on first access, all ticks together."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False)
 class FilmShapes:
-    """The film at the ends of k ticks; read all together, which costs a fraction of one by one.
+    """Shapes of the film at the ends of k ticks; reading all together is much faster than one by one.
 
     Args:
-        _reader: of the shapes; None where these have been read.
-        _shapes: k, as the reader needs them, which nothing that happens later changes; or (k, nodes, 3) [m].
-        _known: figures of the shapes; None where they are still to be read.
+        _reader: of the shapes; None if they have been read.
+        _shapes: k shapes for the reader, which later ticks do not change; or (k, nodes, 3) [m].
+        _known: figures of the shapes; None if they have not been read.
     """
 
     _reader: ShapeReader | None
@@ -53,18 +53,18 @@ class FilmShapes:
         """Figures of all shapes."""
         if self._known is not None:
             return self._known
-        assert self._reader is not None, "what has been read has figures"
+        assert self._reader is not None, "shapes that have been read have figures"
         return self._reader.figures(self._shapes)
 
     @property
     def tip_position(self) -> Array:
-        """Tips (k, 3) [m] of all shapes; of shapes that are still to be read nothing else is read."""
+        """Tips (k, 3) [m] of all shapes; of shapes that have not been read, only the tips are read."""
         if self._reader is None or "figures" in vars(self):
             return self.figures.tip_position
         return self._reader.tips(self._shapes)
 
     def some(self, rows: IntArray) -> FilmShapes:
-        """Return some of the shapes, by their places."""
+        """Return some of the shapes, by their rows."""
         known = self._known if self._reader is None else vars(self).get("figures", self._known)
         shapes = self._shapes[rows] if self._reader is None else [self._shapes[k] for k in rows.tolist()]
         return FilmShapes(self._reader, shapes, known and known.select(rows))
@@ -75,15 +75,15 @@ class FilmShapes:
         return np.array(shapes) if self._reader is None else self._reader.films(shapes)
 
     def moments(self) -> Array:
-        """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0: none are known."""
+        """Return the moments (k, m, 3) [kg^1/2 m] of all shapes; m = 0 if they are unknown."""
         if self._reader is None:
             return np.zeros((len(self._shapes), 0, 3))
         return self._reader.moments(self._shapes)
 
     def read(self) -> FilmShapes:
-        """Return the same without what reads it."""
+        """Return the same without the reader."""
         return FilmShapes(None, self.node_position(), self.figures)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what is pickled: what has been read."""
+        """Return the shapes, read, to be pickled."""
         return FilmShapes, (None, self.node_position(), self.figures)

@@ -1,4 +1,4 @@
-"""What a run keeps for studies of it: the ends of its phases, and how its film has moved between them."""
+"""Ends of a run's phases, and the film's motion between them, for studies of the finished run."""
 
 import math
 import time
@@ -12,8 +12,8 @@ from cosim.base.frames import Array
 from cosim.soft.solve.branching import WHOLE, Branching
 from cosim.telemetry.tick_batch import TickBatch
 
-_LEAP: Final = 0.05
-"""Of the length: a snap by less does not take the bars of its phase away."""
+_JUMP: Final = 0.05
+"""Motion of the tip in a snap, over the length: with less, the figures of the phase have error bars."""
 BRANCHES: Final = "the soft robot branches in it, and figures jump there"
 SNAPS: Final = "the soft robot snaps at its end, and figures jump there"
 TOUCHES: Final = "the soft robot touches the scene, and contact with it is not modelled on the refined mesh"
@@ -28,7 +28,7 @@ class PhaseEnd:
         phase: its index.
         tick: count of ticks there.
         state: of the soft side, see `SoftRobot.end_state`.
-        why_not: why figures there have no error bar; empty where nothing that the run has seen is against it.
+        why_not: why figures there have no error bars; empty if the run knows no reason.
     """
 
     phase: int
@@ -40,12 +40,12 @@ class PhaseEnd:
 @final
 @dataclass(frozen=True)
 class PhaseEnds:
-    """What is kept of a run.
+    """Ends of phases so far.
 
     Args:
         ends: of the phases that have ended, in order.
-        moments: (rows, m, 3) [kg^1/2 m] of the film's shape, one row for each tick from the state at rest on,
-            see `ShapeMoments`; (0, 0, 3) where it is in no motion that is known.
+        moments: (rows, m, 3) [kg^1/2 m] of the film's shape, a row for the state at rest and for each tick,
+            see `ShapeMoments`; (0, 0, 3) if its motion is unknown.
         branches: whether the soft robot has branched in the present phase.
         cpu_s: processor time of the run.
     """
@@ -58,11 +58,11 @@ class PhaseEnds:
 
 @final
 class PhaseEndsBuilder:
-    """Gathers them from ticks in order.
+    """Gathers ends of phases from ticks in order.
 
     Args:
         ticks: of the whole run.
-        moves: whether the film's motion is kept: in time, of a film that is not rigid.
+        moves: whether the film's motion is gathered: in dynamic runs with a film that is not rigid.
     """
 
     def __init__(self, ticks: int, *, moves: bool) -> None:
@@ -73,7 +73,7 @@ class PhaseEndsBuilder:
 
     @property
     def state(self) -> PhaseEnds:
-        """What is known so far; costs no copy, as ticks to come are written behind it."""
+        """Ends so far, without a copy: later ticks are written behind the view."""
         cpu_s = self._before_s + time.process_time() - self._began
         return PhaseEnds(tuple(self._ends), self._moments[: self._known], self._branches, cpu_s)
 
@@ -84,10 +84,10 @@ class PhaseEndsBuilder:
         self._add(state.moments)
 
     def observe(self, batch: TickBatch) -> None:
-        """Take in ticks of one phase."""
+        """Add ticks of one phase."""
         if self._moves:
             self._add(batch.film.moments())
-        self._branches |= any(self._leaps(batch, row, passed) for row, passed in batch.branchings.items())
+        self._branches |= any(self._jumps(batch, row, passed) for row, passed in batch.branchings.items())
         for row, state in batch.ends.items():
             why_not = self._why_not(batch, row)
             self._ends.append(PhaseEnd(int(batch.phase[row]), int(batch.tick[row]), state, why_not))
@@ -100,30 +100,30 @@ class PhaseEndsBuilder:
         self._known += len(moments)
 
     def _why_not(self, batch: TickBatch, row: int) -> str:
-        """Return why figures at the end of a phase have no error bar, as far as the run has seen."""
-        footing = batch.footing.get(row)
+        """Return why figures at the end of a phase have no error bars; empty if the run knows no reason."""
+        stability = batch.stability.get(row)
         if batch.slides[row]:
             return SNAPS
         if batch.contacts[row]:
             return TOUCHES
-        if footing is not None and (stands := footing.stability(())) != "stable":
-            return f"the soft robot is {stands} at its end, where a small difference may move it far"
+        if stability is not None and (kind := stability.stability(())) != "stable":
+            return f"the soft robot is {kind} at its end, where a small difference may move it far"
         return BRANCHES if self._branches else ""
 
     @staticmethod
-    def _leaps(batch: TickBatch, row: int, passed: Sequence[Branching]) -> bool:
+    def _jumps(batch: TickBatch, row: int, passed: Sequence[Branching]) -> bool:
         length_m = float(batch.film.figures.center_line_m[row])
-        return any(leaps(each, length_m) for each in passed)
+        return any(jumps(each, length_m) for each in passed)
 
 
-def leaps(passed: Branching, length_m: float) -> bool:
-    """Return whether more than a wrinkle moves: the body branches, or snaps farther than a bar could tell.
+def jumps(passed: Branching, length_m: float) -> bool:
+    """Return whether more than a wrinkle moves: the body branches, or snaps farther than any error bar.
 
     Args:
-        passed: in a tick.
-        length_m: of the soft robot there.
+        passed: branching in a tick.
+        length_m: of the soft robot at its end.
     """
     before, after = passed.other_tip_m, passed.tip_m
     if passed.extent < WHOLE or not passed.snap or before is None or after is None:
         return passed.extent >= WHOLE
-    return math.dist(before, after) >= _LEAP * length_m
+    return math.dist(before, after) >= _JUMP * length_m

@@ -7,14 +7,14 @@ from typing import Any, final
 @final
 @dataclass(frozen=True)
 class RunErrors:
-    """How far the figures at the ends of phases may be off; docs/run_error.md.
+    """Error bars of the figures at the ends of phases; see docs/run_error.md.
 
     Args:
-        phases: by the phase's index: each figure's bar, None if it has no bar, what it is made of, and
-            the `reason` why.
-        reason: why phases are left out; None where none is.
+        phases: by the phase's index: each figure's bar with its parts, None if it has no bar, and the
+            `reason` why.
+        reason: why phases are left out; None if none is.
         iterations: on the refined mesh.
-        wall_s: that it took.
+        wall_s: wall time.
     """
 
     phases: dict[int, dict[str, Any]] = field(default_factory=dict)

@@ -19,19 +19,20 @@ if TYPE_CHECKING:
     from cosim.telemetry.energy import EnergyParts
 
 Decay: TypeAlias = Callable[[float, float], tuple[float, float]]
-"""Natural frequency [Hz], and twice the decay [1/s] by its materials -> decay [1/s] that all losses ask for,
-and what ticks add to it."""
+"""Natural frequency [Hz] and twice the decay [1/s] of its materials -> decay [1/s] by all losses, and the
+numerical decay that ticks add.
+"""
 
 
 @final
 @dataclass(frozen=True)
 class DrawnFilm:
-    """The film on a coarser mesh, whose nodes are among its own: pictures of it cost less.
+    """The film on a coarser mesh of some of its nodes, for faster pictures.
 
     Args:
-        nodes: (k,) of the film.
-        triangles: (m, 3) places in `nodes`.
-        cables: places in `nodes` of each cable, base to tip.
+        nodes: (k,), indices of the film's nodes.
+        triangles: (m, 3), indices into `nodes`.
+        cables: indices into `nodes` of each cable, base to tip.
         stress: positions of these nodes (k, 3) [m] -> largest principal stress (m,) [Pa].
     """
 
@@ -44,11 +45,11 @@ class DrawnFilm:
 @final
 @dataclass(frozen=True)
 class ObjectInfo:
-    """An object that can move.
+    """A movable object.
 
     Args:
-        name: of it.
-        body: its place in `RunInfo.body_names`.
+        name: of the object.
+        body: its index in `RunInfo.body_names`.
         figures: (10,) mass [kg], centre (3,) [m] in the body's frame, inertia xx, yy, zz, xy, xz, yz [kg m^2]
             about that, body axes.
         free: whether it hangs on no joint, so that a soft robot can hold it.
@@ -62,7 +63,7 @@ class ObjectInfo:
 
 @dataclass(frozen=True, repr=False)
 class RunInfo(Shown):
-    """Everything about a run that does not change while it runs.
+    """Description of a run that does not change during it.
 
     Args:
         scenario: name of the scenario.
@@ -74,7 +75,7 @@ class RunInfo(Shown):
         phase_names: in order.
         joint_names: of the arm, base to flange.
         body_names: rigid bodies, in the order of `Snapshot.body_position`; objects by their names.
-        shapes: what is drawn of the rigid bodies.
+        shapes: of the rigid bodies, for drawing.
         soft_triangles: (m, 3) node indices of the film, outward orientation.
         cables: node indices of each cable, base to tip.
         chamber_names: of the gas chambers.
@@ -82,31 +83,31 @@ class RunInfo(Shown):
         gravity: (3,) [m/s^2], world.
         membrane_stress: node positions (n, 3) [m] -> largest principal stress (m,) [Pa].
         cable_names: in the order of `cables`.
-        devices: what of pumps, winches and controllers there is to show; None without any.
-        report: Markdown lines on what is modelled (masses, counts, switches).
-        modelled: what is modelled or left out, and why.
+        devices: names of pumps, winches and controllers; None without any.
+        report: Markdown lines on the model (masses, counts, switches).
+        modelled: effects that are modelled or left out, and why.
         hinge_energy_share: node positions (n, 3) [m] -> share of the hinges in the elastic energy.
         stiffener_strain: node positions (n, 3) [m] -> strain and strength of the stiffeners, None without.
-        section_model: error and size of the section model; None where the film itself is modelled.
-        expected_error: of each figure of the soft robot: low, high, against what, source; None: not measured.
-        arm: what the plan asks of the arm; None without one.
-        tip_paths: that the tip follows, by the index of their phase.
+        section_model: error and size of the section model; None if the film itself is modelled.
+        expected_error: of each figure of the soft robot: low, high, reference, source; None: not measured.
+        arm: requirements of the plan on the arm; None without an arm.
+        tip_paths: of the tip, by the index of their phase.
         decay: of natural modes; None in statics.
-        energy: masses, cables and steps for the energy balance; None for runs that have no balance.
+        energy: masses, cables and steps for the energy balance; None for runs without a balance.
         soft_mass_kg: mass of the soft robot.
-        mounted: what else is fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
-            inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for nothing.
-        objects: that can move; () in statics, where they stand still.
+        mounted: other bodies fixed to the flange: (10,) mass [kg], centre (3,) [m] in the flange frame,
+            inertia xx, yy, zz, xy, xz, yz [kg m^2] about that; () for none.
+        objects: movable objects; () in statics, where they are fixed.
         grasps: whether the soft robot has a palm or several films.
         sliding: (joints,), whether a joint slides.
-        tip_measured_by: by what the tip's direction is measured, in words; empty: unknown.
-        tip_directions: (3,) that tip targets ask for, by the index of their phase.
-        stored_m: length of the soft robot laid flat [m]; None where it is no single stack of units.
-        frames_length: node positions (n, 3) [m] -> length [m] of its frames, which rest on one another;
-            None where they do not.
+        tip_measured_by: how the tip's direction is measured, in words; empty: unknown.
+        tip_directions: (3,) of tip targets, by the index of their phase.
+        stored_m: length of the soft robot laid flat [m]; None if it is not a single stack of units.
+        frames_length: node positions (n, 3) [m] -> length [m] of its stacked frames; None if frames do not
+            rest on one another.
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
-        drawn: what recordings draw of the film; None: all of it.
+        drawn: coarser mesh of the film for recordings; None: the whole film is drawn.
     """
 
     scenario: str
@@ -162,7 +163,7 @@ class RunInfo(Shown):
         }  # fmt: skip
 
     def __repr__(self) -> str:
-        """Return two lines: what run it is of, and its parts."""
+        """Return two lines: scenario and phases, and sizes."""
         return (
             f"Run of {self.scenario}, {self.mode}: {self.ticks} ticks of {self.tick_s:g} s in the phases "
             f"{', '.join(self.phase_names)}\n"

@@ -1,4 +1,4 @@
-"""Many ticks as columns, read together at a fraction of what they cost one by one; and a row of them."""
+"""Ticks of a run as columns, and a snapshot, one row of them."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from cosim.devices.device_report import ActuationReport
 from cosim.telemetry.camera_image import CameraImage
 from cosim.telemetry.film_shapes import FilmShapes
 
-if TYPE_CHECKING:  # who only looks at batches needs no kernels
+if TYPE_CHECKING:  # batches are read without kernels
     from cosim.base.solid import LinkContact
     from cosim.soft.solve.branching import Branching, FilmOverlap, StabilityReport
 
-_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "footing", "images", "pieces")
-"""What few ticks have: by the rows of those."""
+_BY_ROW: Final = ("link_contacts", "branchings", "overlaps", "stability", "images", "substeps")
+"""Fields of a batch that few ticks have, by row."""
 _BY_ROW_ONLY: Final = (*_BY_ROW, "ends")
-"""The same, with what no snapshot holds."""
+"""The same, with those that snapshots do not have."""
 
 
 @final
 @listing_columns
 @dataclass(frozen=True, eq=False, repr=False)
 class TickBatch(TickTable):
-    """Ticks of one run, one row each, that nobody writes to any more; its columns are attributes.
+    """Ticks of one run, one row each, which are not changed any more; columns are attributes.
 
     Args:
-        arrays: columns that are stored, by name; `energy_J` is (n, 0) before the summary has taken the ticks
-            in, and of runs without a balance.
-        film: where it is.
-        devices: n; None where a scenario has none.
-        link_contacts: of the arm's links, by row; rows left out have none.
-        branchings: of the soft robot's states, by row; rows left out have none.
-        overlaps: of its films, by row; rows left out have none, or were not looked at.
-        footing: of the soft robot, by row, at ends of phases.
-        images: of cameras, by row; rows left out have none.
-        pieces: of ticks that were taken in pieces, by row.
-        ends: of phases, by row: states of the soft side, see `SoftRobot.end_state`.
+        arrays: stored columns by name; `energy_J` is (n, 0) before the summary has observed the ticks, and in
+            runs without a balance.
+        film: shapes of the film.
+        devices: n reports; None in a scenario without devices.
+        link_contacts: contacts of the arm's links, by row; missing rows have none.
+        branchings: of the soft robot's equilibria, by row; missing rows have none.
+        overlaps: of its films, by row; missing rows have none, or were not checked.
+        stability: of the soft robot, by row, at ends of phases.
+        images: of cameras, by row; missing rows have none.
+        substeps: of ticks that were taken in substeps, by row.
+        ends: states of the soft side at ends of phases, by row, see `SoftRobot.end_state`.
     """
 
     arrays: Mapping[str, NDArray[Any]]
@@ -54,9 +54,9 @@ class TickBatch(TickTable):
     link_contacts: Mapping[int, tuple[LinkContact, ...]] = field(default_factory=dict)
     branchings: Mapping[int, tuple[Branching, ...]] = field(default_factory=dict)
     overlaps: Mapping[int, tuple[FilmOverlap, ...]] = field(default_factory=dict)
-    footing: Mapping[int, StabilityReport] = field(default_factory=dict)
+    stability: Mapping[int, StabilityReport] = field(default_factory=dict)
     images: Mapping[int, tuple[CameraImage, ...]] = field(default_factory=dict)
-    pieces: Mapping[int, SubstepRecord] = field(default_factory=dict)
+    substeps: Mapping[int, SubstepRecord] = field(default_factory=dict)
     ends: Mapping[int, Any] = field(default_factory=dict)
 
     @classmethod
@@ -72,8 +72,8 @@ class TickBatch(TickTable):
         begins = np.cumsum([0, *map(len, batches)]).tolist()
 
         def by_row(name: str) -> Any:
-            placed = zip(begins, batches, strict=False)
-            return {a + row: found for a, each in placed for row, found in getattr(each, name).items()}
+            shifted = zip(begins, batches, strict=False)
+            return {a + row: value for a, each in shifted for row, value in getattr(each, name).items()}
 
         names = batches[0].arrays
         return cls(
@@ -91,11 +91,11 @@ class TickBatch(TickTable):
         return map(self.snapshot, range(len(self)))
 
     def some(self, rows: IntArray) -> TickBatch:
-        """Return some of the ticks, by their rows, in their own arrays."""
-        places = {row: place for place, row in enumerate(rows.tolist())}
+        """Return some of the ticks, by their rows, in new arrays."""
+        new = {row: k for k, row in enumerate(rows.tolist())}
 
-        def by_row(given: Mapping[int, Any]) -> Any:
-            return {places[row]: found for row, found in given.items() if row in places}
+        def by_row(values: Mapping[int, Any]) -> Any:
+            return {new[row]: value for row, value in values.items() if row in new}
 
         return TickBatch(
             {name: array[rows] for name, array in self.arrays.items()},
@@ -105,16 +105,16 @@ class TickBatch(TickTable):
         )
 
     def shown(self) -> TickBatch:
-        """Return the same for others to look at: nobody can write to its arrays, which the run may share."""
+        """Return the same with read-only arrays, for observers; the run may share the arrays."""
         return replace(self, arrays={name: read_only(array) for name, array in self.arrays.items()})
 
     def changed(self, **columns: Any) -> TickBatch:
         """Return the same with other values of some columns, by name."""
-        given = {name: np.array(value) for name, value in columns.items()}
-        return replace(self, arrays={**self.arrays, **given})
+        values = {name: np.array(value) for name, value in columns.items()}
+        return replace(self, arrays={**self.arrays, **values})
 
     def snapshot(self, row: int) -> Snapshot:
-        """Return one tick, in its own arrays."""
+        """Return one tick, in new arrays."""
         k = range(len(self))[row]
         arrays = {name: array[k : k + 1].copy() for name, array in self.arrays.items()}
         for array in arrays.values():
@@ -127,10 +127,10 @@ class TickBatch(TickTable):
 @final
 @dataclass(frozen=True, repr=False, eq=False)
 class Snapshot(TickRow):
-    """State at the end of one tick; nobody can write to its arrays.
+    """State at the end of one tick, with read-only arrays.
 
     Its columns are attributes, see `TickBatch`, such as `time_s`, a number, and `tip_position` (3,). `wrench`
-    is a `Wrench`, `flange_twist` a `Twist`, and `tip_target` None where there is no target.
+    is a `Wrench`, `flange_twist` a `Twist`, and `tip_target` None without a target.
 
     Args:
         table: the tick as a batch.
@@ -145,37 +145,43 @@ class Snapshot(TickRow):
 
     @property
     def flange_wrench(self) -> Wrench:
-        """What all that hangs on the flange exerts on it, at its origin, world axes."""
+        """Wrench of everything on the flange, at its origin, world axes."""
         return Wrench(self.flange_force, self.flange_torque)
 
     @property
     def devices(self) -> ActuationReport | None:
-        """What pumps, winches and controllers do; None in a scenario without."""
+        """Report of pumps, winches and controllers; None in a scenario without."""
         return self.table.devices[0]
 
     @property
     def link_contacts(self) -> tuple[LinkContact, ...]:
-        """Of the arm's links, at ticks at which they are looked at; see `Parts.looks_at_links`."""
+        """Contacts of the arm's links, at ticks that check them."""
         return self.table.link_contacts.get(0, ())
 
     @property
     def branchings(self) -> tuple[Branching, ...]:
-        """Unstable states that the soft robot has met in the tick, or is in."""
+        """Unstable states of the soft robot in the tick."""
         return self.table.branchings.get(0, ())
 
     @property
     def overlaps(self) -> tuple[FilmOverlap, ...]:
-        """Of its films, at ticks at which they are looked for."""
+        """Overlaps of its films, at ticks that check them."""
         return self.table.overlaps.get(0, ())
 
     @property
+    def stability(self) -> StabilityReport | None:
+        """Stability of the soft robot at the end of a phase; None if it is unknown."""
+        return self.table.stability.get(0)
+
+    @property
     def footing(self) -> StabilityReport | None:
-        """How firmly the soft robot stands, at the end of a phase; None where it is not known."""
-        return self.table.footing.get(0)
+        """The same as `stability`."""
+        warn("Snapshot.footing: is Snapshot.stability now", DeprecationWarning, stacklevel=2)
+        return self.stability
 
     @property
     def images(self) -> tuple[CameraImage, ...]:
-        """Of the cameras whose next picture is due at this tick."""
+        """Images of the cameras that take one at this tick."""
         return self.table.images.get(0, ())
 
     @property
@@ -191,11 +197,11 @@ class Snapshot(TickRow):
         return self
 
     def kept(self) -> Snapshot:
-        """Return the same with all that is shown of the film read, without pictures: what is saved."""
+        """Return the same to be saved: with the film's shape read, without images."""
         return Snapshot(replace(self.table, film=self.table.film.read(), images={}))
 
     def __repr__(self) -> str:
-        """Return two lines: when, and what is there then."""
+        """Return two lines: time and sizes, tip and loads."""
         tip = ", ".join(f"{1e3 * value:.1f}" for value in self.tip_position)
         pressures = ", ".join(f"{1e-3 * value:g}" for value in self.chamber_pressure_Pa)
         return (

@@ -174,16 +174,16 @@ def test_what_will_not_do_is_refused_by_name(name: str) -> None:
         cosim.attach(mujoco.MjSpec.from_string(text), robot=ROBOT, **arguments)
 
 
-def test_robot_or_body_is_given_and_a_model_of_some_kind() -> None:
+def test_a_robot_or_a_body_and_a_model_are_required() -> None:
     with pytest.raises(InputError, match="give one of them"):
         cosim.attach(mujoco.MjSpec.from_string(ARM), "wrist")
     with pytest.raises(InputError, match=r"spec is dict; give a mujoco\.MjSpec"):
         cosim.attach({}, "wrist", ROBOT)
 
 
-def test_a_loop_that_calls_in_the_wrong_order_is_told() -> None:
+def test_a_loop_that_calls_in_the_wrong_order_is_refused() -> None:
     soft, model, data = hung(overrides=LIGHT)
-    with pytest.raises(InputError, match="hangs on nothing yet"):
+    with pytest.raises(InputError, match="is not mounted yet"):
         soft.save()
     with pytest.raises(InputError, match="without before"):
         soft.after(model, data)
@@ -207,7 +207,7 @@ def test_a_loop_that_calls_in_the_wrong_order_is_told() -> None:
         soft.reset(model, data)
 
 
-def test_a_model_that_becomes_unstable_is_told_as_that() -> None:
+def test_a_model_that_becomes_unstable_is_reported() -> None:
     """Euler takes the damping of servos explicitly: MuJoCo begins anew, which is no error of the loop."""
     soft, model, data = hung(ARM.replace("implicitfast", "Euler").replace('"10"', '"60"'), overrides=LIGHT)
     data.ctrl[:] = 1.0

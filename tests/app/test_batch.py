@@ -103,11 +103,11 @@ def test_runs_are_what_they_are_alone_whatever_happens_to_others(tmp_path: Path)
 def test_what_cannot_be_sent_fails_alone() -> None:
     workers = Workers(complex, 2, 1)
     try:
-        found = workers.call("__add__", {0: (lambda: 0.0,), 1: (2.0,)})
+        found = workers.call(complex.__add__, {0: (lambda: 0.0,), 1: (2.0,)})
         assert isinstance(found[0], InputError)
         assert "give values that can be pickled" in str(found[0])
         assert found[1] == 3.0
-        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+        assert workers.call(complex.__add__, {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
     finally:
         workers.close()
 
@@ -115,17 +115,17 @@ def test_what_cannot_be_sent_fails_alone() -> None:
 def test_a_process_that_does_not_answer_is_ended_and_replaced() -> None:
     workers = Workers(complex, 2, 2, answer_s=10.0)
     try:
-        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+        assert workers.call(complex.__add__, {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
         os.kill(workers.processes[0], signal.SIGSTOP)
         os.waitpid(workers.processes[0], os.WUNTRACED)  # it may answer until it has stopped
-        found = workers.call("__add__", {0: (1.0,), 1: (1.0,)})
+        found = workers.call(complex.__add__, {0: (1.0,), 1: (1.0,)})
         with pytest.raises(WorkerError, match="did not answer within 10 s and was ended, and with it runs 0"):
             raise found[0]
         assert found[1] == 2.0
         workers.replace([1])
-        assert isinstance(workers.call("__add__", {0: (1.0,)})[0], WorkerError)
+        assert isinstance(workers.call(complex.__add__, {0: (1.0,)})[0], WorkerError)
         workers.replace([0])
-        assert workers.call("__add__", {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
+        assert workers.call(complex.__add__, {0: (1.0,), 1: (1.0,)}) == {0: 1.0, 1: 2.0}
     finally:
         workers.close()
 
@@ -140,9 +140,7 @@ def test_what_does_not_fit_is_refused_before_a_process_starts(tmp_path: Path) ->
         Batch(scenario, 2, overrides={"clock.tick_s": 0.0})
 
 
-def test_a_worker_is_told_to_take_one_thread_before_its_script_is_read(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_worker_has_one_thread_before_its_script_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     start, told = SpawnProcess.start, list[list[str | None]]()
 
     def seen(process: SpawnProcess) -> None:

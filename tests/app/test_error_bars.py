@@ -16,7 +16,7 @@ import pytest
 
 import cosim
 from cosim.bars import study
-from cosim.bars.calibration import DRAWN, GRADED, apart, tension_apart
+from cosim.bars.calibration import DRAWN, GRADED, bounded, bounded_tension
 from cosim.bars.finer_mesh import FinerMesh, Pair
 from cosim.base.kept_parts import KeptParts
 from cosim.build import section_models
@@ -114,7 +114,7 @@ def test_a_state_of_the_refined_mesh_is_followed_from_an_earlier_one() -> None:
     assert ends[0] == pytest.approx(ends[1], abs=2e-4)
 
 
-def test_a_difference_that_folds_films_is_not_taken_along() -> None:
+def test_a_difference_that_folds_films_is_not_added() -> None:
     model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
     side = model.side()
     assert isinstance(side, FilmRobot)
@@ -147,13 +147,13 @@ def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) ->
 def test_figures_are_off_by_no_less_than_tip_and_volume_ask_for() -> None:
     away = {"tip_m": 1e-3, "sag_m": 0.0, "length_m": 3e-3, "volume_m3": 4e-6}
     here = {"length_m": 0.1, "volume_m3": 1e-4}  # 4 % of the gas, of the length 4 mm
-    assert apart(away, here, GRADED) == pytest.approx(away | {"tip_m": 2e-3, "sag_m": 2e-3})
-    assert apart(away, here | {"volume_m3": 0.0}, GRADED) == pytest.approx(away | {"sag_m": 0.5e-3})
+    assert bounded(away, here, GRADED) == pytest.approx(away | {"tip_m": 2e-3, "sag_m": 2e-3})
+    assert bounded(away, here | {"volume_m3": 0.0}, GRADED) == pytest.approx(away | {"sag_m": 0.5e-3})
     # fingers' mesh lacks volume, which hardly moves their tips
-    assert apart(away, here, DRAWN) == pytest.approx(away | {"sag_m": 0.5e-3})
+    assert bounded(away, here, DRAWN) == pytest.approx(away | {"sag_m": 0.5e-3})
     # of a tension 0.1, of what the tips ask for 0.5: root of the sum of squares
-    assert tension_apart(1.2, 0.04, 0.06) == pytest.approx(0.13)
-    assert tension_apart(0.0, 0.3, 0.8) == pytest.approx(0.5)
+    assert bounded_tension(1.2, 0.04, 0.06) == pytest.approx(0.13)
+    assert bounded_tension(0.0, 0.3, 0.8) == pytest.approx(0.5)
 
 
 def test_forces_on_rings_are_those_of_the_run_on_the_refined_mesh(arm: Path) -> None:
@@ -174,7 +174,7 @@ def test_copies_and_what_is_carried_are_refined_as_well(arm: Path, robot: str) -
     assert phases(arm, **given)[-1]["error"]["tip_m"] > 0.0
 
 
-def test_long_ticks_are_told(arm: Path) -> None:
+def test_long_ticks_are_reported(arm: Path) -> None:
     swing = {"mode": "dynamic", "phase.inflate.duration_s": 0.2, "phase.inflate.pressure_Pa": 5e3}
     found = [phases(arm, **swing, **{"clock.tick_s": tick_s})[-1] for tick_s in (0.01, 0.00125)]
     away = float(np.linalg.norm(np.subtract(found[0]["tip_position_m"], found[1]["tip_position_m"])))
@@ -235,9 +235,9 @@ def test_it_costs_no_more_than_its_share_unless_it_is_asked_for(
     arm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     arm.write_text(ARM + LIFT, encoding="utf-8")
-    monkeypatch.setattr(study, "SHARE", 1e3)
+    monkeypatch.setattr(study, "FRACTION", 1e3)
     assert all(phase["error"]["reason"] is None for phase in phases(arm, error=None, **APART))
-    monkeypatch.setattr(study, "SHARE", 0.0)  # whatever a run takes, two phases take more
+    monkeypatch.setattr(study, "FRACTION", 0.0)  # whatever a run takes, two phases take more
     summary = cosim.run(arm, overrides=APART).summary
     assert summary["phases"][0]["error"] is None
     assert summary["phases"][1]["error"]["reason"] is None
@@ -261,7 +261,7 @@ def test_the_command_line_says_it_or_leaves_it_out(
         assert line.startswith(f"error:     tip {1e3 * error['tip_m']:.2g} mm ('inflate'), sag ")
     else:
         assert error is None
-        assert line == "error:     not worked out: it was not asked for"
+        assert line == "error:     not computed: not requested"
 
 
 BENT = """
@@ -295,7 +295,7 @@ def test_a_section_model_is_compared_with_its_film_at_rest(
         assert of_section == pytest.approx(float(apart), rel=rel)
         assert 5e-5 < of_section < row["error"]["tip_m"]
     most = framed_section().body.nodes
-    too_dear = f"with a film of {most} nodes it takes 10 s and longer; --error works it out all the same"
+    too_dear = f"with a film of {most} nodes it takes 10 s and longer; --error computes it nevertheless"
     for nodes, reason in ((most, None), (most - 1, too_dear)):
         monkeypatch.setattr(study, "FILM_NODES_MAX", nodes)
         unasked = cosim.run(path, overrides={"fidelity": "section", "mode": "quasistatic"})
@@ -398,5 +398,5 @@ def test_a_search_ends_once_its_time_is_spent(arm: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(study.Budget, "spent_s", property(lambda _budget: next(spent)))
     found = cosim.run(arm).summary
     (phase,) = found["phases"]
-    assert phase["error"]["reason"] == "it would cost more than the run; --error works it out all the same"
+    assert phase["error"]["reason"] == "it would cost more than the run; --error computes it nevertheless"
     assert found["error"]["iterations"] < 10

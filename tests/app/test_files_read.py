@@ -197,7 +197,7 @@ def test_a_run_does_not_go_on_with_another_body_mesh(
     mesh = (tmp_path / "tube.obj").read_bytes()
     scaled(tmp_path / "tube.obj", 2.0 / 3.0)
     assert main(["run", "--resume", str(out), "--quiet"]) == EXIT_INPUT
-    assert f"{tmp_path / 'tube.obj'} has been changed since the run began" in capsys.readouterr().err
+    assert f"{tmp_path / 'tube.obj'} was changed after the run began" in capsys.readouterr().err
     (tmp_path / "tube.obj").write_bytes(mesh)
     assert main(["run", "--resume", str(out), "--quiet"]) == EXIT_DONE
 

@@ -74,7 +74,7 @@ def assert_own_arguments() -> None:
     assert {name: count for name, count in compiled().items() if count > 1} == {}
 
 
-def test_kernels_are_compiled_for_their_own_arguments(tmp_path: Path) -> None:
+def test_kernels_are_compiled_for_their_arguments(tmp_path: Path) -> None:
     code = "import sys, pathlib, tests.app.test_first_run as t; t.check_runs(pathlib.Path(sys.argv[1]))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path)],
@@ -99,7 +99,7 @@ def test_every_kernel_is_one_that_is_compiled_by_warming_up() -> None:
     assert set(done.stdout.split()) == set(compiled())
 
 
-def test_what_is_logged_is_shown_with_what_the_command_tells(capsys: pytest.CaptureFixture[str]) -> None:
+def test_log_messages_are_shown_with_those_of_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     told: list[str] = []
     log = logging.getLogger("cosim")
     with logged_to(told.append):

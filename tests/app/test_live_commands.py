@@ -51,7 +51,7 @@ def standing() -> cosim.Simulation:
     return cosim.Simulation("ur5e_hexagon_arm", overrides=ARM)
 
 
-def test_without_phases_it_stands_until_it_is_commanded() -> None:
+def test_without_phases_it_rests_until_it_is_commanded() -> None:
     here = standing()
     first = here.snapshot
     assert here.step(50).tick == 50
@@ -129,7 +129,7 @@ def test_gas_is_let_in_where_it_is_sealed(tmp_path: Path) -> None:
         held(tmp_path, HELD).step(Command(gas_kg={"chamber": 1e-4}), ticks=4)
 
 
-def test_the_flange_follows_a_twist_and_then_stands() -> None:
+def test_the_flange_follows_a_twist_and_then_stops() -> None:
     here = standing()
     start = here.measure().flange.translation
     for _ in range(20):
@@ -204,7 +204,7 @@ def test_motion_is_refused_where_contact_was_left_out_by_the_plan() -> None:
         here.step(Command(flange_twist=(0.0, 0.0, -0.1, 0.0, 0.0, 0.0)), ticks=5)
 
 
-def test_a_saved_simulation_goes_on_as_commanded() -> None:
+def test_a_saved_simulation_continues_as_commanded() -> None:
     here = standing()
     here.step(Command(flange_twist=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)), ticks=5)
     joints = here.measure().joint_position + 0.3

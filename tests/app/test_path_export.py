@@ -18,7 +18,7 @@ from cosim.base.frames import rotations_from_quaternions
 from cosim.build import section_models
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.results.exports import PAYLOAD, JointTable, sample_times
+from cosim.results.joint_table import PAYLOAD, JointTable, sample_times
 from tests.small_section import on_a_ur5e, section
 
 PHASES = """
@@ -119,7 +119,7 @@ def test_the_motion_of_a_run_holds_what_was_asked_for_and_the_payload(file: Path
     np.testing.assert_allclose(along.joints[: n - first - 1], result.joint_target[first + 1 :], atol=1e-12)
 
 
-def test_a_rigid_soft_robot_is_the_payload_that_it_is_told_to_be(file: Path, tmp_path: Path) -> None:
+def test_a_rigid_soft_robot_is_a_constant_payload(file: Path, tmp_path: Path) -> None:
     rigid = cosim.run(file, overrides={"fidelity": "rigid", "phase.reach.settle_s": 0.1}, out=tmp_path / "r")
     found = cosim.payload_torque(tmp_path / "r")
     weight = 9.81 * rigid.stage.soft_mass_kg * 0.4  # [N m], 0.4 m from the shoulder
@@ -129,7 +129,7 @@ def test_a_rigid_soft_robot_is_the_payload_that_it_is_told_to_be(file: Path, tmp
     assert np.abs(found.by_schedule[1:]).max() < 0.02 * weight
     rows = payload_rows(rigid)
     np.testing.assert_allclose(rows, np.broadcast_to(rows[0], rows.shape), rtol=1e-6, atol=1e-9)
-    assert "told every 0.5 s: wrong by up to" in repr(found)
+    assert "updated every 0.5 s: wrong by up to" in repr(found)
 
 
 def test_a_plate_on_the_flange_belongs_to_the_payload(file: Path) -> None:
@@ -173,7 +173,7 @@ def test_a_csv_file_reads_back_to_the_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.time_s, written.time_s)
 
 
-def test_urscript_moves_to_the_begin_and_serves_every_row(tmp_path: Path) -> None:
+def test_urscript_moves_to_the_start_and_has_a_servoj_for_every_row(tmp_path: Path) -> None:
     written = table()
     written.write(tmp_path / "way.script")
     lines = (tmp_path / "way.script").read_text().splitlines()
@@ -190,7 +190,7 @@ def test_urscript_moves_to_the_begin_and_serves_every_row(tmp_path: Path) -> Non
     assert ast.literal_eval(found[1][2]) == (0, 0, 0.008, 0.1, 300)
 
 
-def test_urscript_tells_of_the_payload_ahead(tmp_path: Path) -> None:
+def test_urscript_sets_the_payload_ahead(tmp_path: Path) -> None:
     rows = 201  # 0.8 s at 250 Hz
     bare = table(rows)
     load = np.linspace(0.0, 1.0, rows)[:, None] + np.arange(10.0)

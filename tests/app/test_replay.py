@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.motion import APPROACH_s, Replayed, SETTLE_s
+from cosim.app.replay import APPROACH_s, Replayed, SETTLE_s
 from cosim.build import section_models
 from cosim.cli.main import main
 from cosim.errors import InputError
-from cosim.results.exports import JointTable
+from cosim.results.joint_table import JointTable
 from tests.small_section import on_a_ur5e, section
 
 DELAY_s, NOISE_RAD = 0.04, 2e-3
@@ -71,7 +71,7 @@ def test_a_replayed_plan_moves_as_the_planned_run(asked: tuple[Path, JointTable,
     np.testing.assert_allclose(found.result.pressure_Pa[-1], 25e3)
     np.testing.assert_allclose(found.result.cable_tension_N[-1], [1.0, 0.0])
     assert not found.compared
-    assert "nothing was measured" in repr(found)
+    assert "the file has no measured columns" in repr(found)
 
 
 def test_speeds_are_those_of_the_planned_motion_and_zero_at_its_ends() -> None:
@@ -139,7 +139,7 @@ def test_columns_that_would_have_no_effect_are_refused(asked: tuple[Path, JointT
         more = replace(
             table, columns=(*table.columns, name), values=np.column_stack([table.values, table.time_s])
         )
-        with pytest.raises(InputError, match=f"columns that are unknown: {name};.*and measured tip.x_m"):
+        with pytest.raises(InputError, match=f"unknown columns {name};.*and measured tip.x_m"):
             cosim.replay(file, more, overrides=SMALL)
 
 
@@ -155,7 +155,7 @@ def test_joints_beyond_their_bounds_are_refused_and_too_fast_ones_are_counted(
     values[2:, 0] += 1.0
     fast = replace(table, time_s=table.time_s[:4], values=values)
     found = cosim.replay(file, fast, overrides=SMALL)
-    assert "1 rows ask joints for more than their bound of speed" in repr(found)
+    assert "1 rows exceed a joint's bound of speed" in repr(found)
 
 
 def test_joints_of_another_arm_are_refused(asked: tuple[Path, JointTable, Replayed]) -> None:

@@ -84,7 +84,7 @@ def test_changes_hold_until_the_next_reset(scenario: cosim.Scenario) -> None:
     assert here.scenario is scenario or here.scenario == scenario
 
 
-def test_from_a_saved_state_it_goes_on_as_a_branch_does(scenario: cosim.Scenario, tmp_path: Path) -> None:
+def test_from_a_saved_state_it_continues_as_a_branch_does(scenario: cosim.Scenario, tmp_path: Path) -> None:
     here = cosim.Simulation(scenario)
     here.step(6)
     saved = here.save()

@@ -59,7 +59,7 @@ def through_a_file(state: Any, tmp_path: Path) -> Any:
     return load(tmp_path / "state.npz")
 
 
-def test_a_grasp_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_a_grasp_continues_bit_identically(tmp_path: Path) -> None:
     """Branched in the middle of it: with friction at work."""
     plain = simulation("gripper_lifts_roll", **GRASP)
     steps = plain.steps()
@@ -133,7 +133,7 @@ RUNS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_every_kind_of_run_goes_on_bit_for_bit(name: str, tmp_path: Path) -> None:
+def test_every_kind_of_run_continues_bit_identically(name: str, tmp_path: Path) -> None:
     scenario, overrides = RUNS[name]
     whole = simulation(scenario, **overrides)
     plain, end = list(whole.steps()), whole.save_state()

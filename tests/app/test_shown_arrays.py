@@ -14,11 +14,11 @@ import pytest
 import cosim
 import cosim.gym
 from cosim import Batch, Command, Controller, Measurement, Simulation
-from cosim.app.driver import Observer
+from cosim.app.run_follower import Observer
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
-from tests.app.test_given_body import SCENARIO
 from tests.app.test_live_commands import ARM, SEALED, held, standing
+from tests.app.test_users_body import SCENARIO
 from tests.devices import device_parts
 from tests.fuzz.arrays import arrays_of, state_content, write_to_all
 from tests.soft.own_tube import tube
@@ -153,7 +153,7 @@ def test_observers_and_controllers_cannot_change_a_run(tmp_path: Path) -> None:
             assert getattr(found, name).tobytes() == getattr(expected, name).tobytes(), name
 
 
-def test_a_body_is_copied_when_it_is_given(tmp_path: Path) -> None:
+def test_a_users_body_is_copied(tmp_path: Path) -> None:
     (tmp_path / "tube.toml").write_text(SCENARIO, encoding="utf-8")
     body, changes, file = tube(), {"solver.damping_per_s": 10.0}, tmp_path / "state.npz"
     here = Simulation(tmp_path / "tube.toml", body=body)

@@ -61,7 +61,7 @@ def test_it_returns_to_what_was_saved(tmp_path: Path) -> None:
     assert np.array_equal(other.step(5).node_position, end.node_position)
 
 
-def test_a_branch_goes_its_own_way() -> None:
+def test_a_branch_is_independent() -> None:
     here = simulation()
     here.step(3)
     softer = here.branch({"phase.inflate.pressure_Pa": 4e3})
@@ -95,7 +95,7 @@ def test_after_a_failure_it_is_where_it_was(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_a_file_that_holds_no_simulation_is_refused(tmp_path: Path) -> None:
     save(tmp_path / "pose.npz", Pose())
-    with pytest.raises(InputError, match="holds no simulation but a Pose"):
+    with pytest.raises(InputError, match="holds a Pose, not the state of a simulation"):
         simulation(start=tmp_path / "pose.npz")
     with pytest.raises(InputError, match="no saved state"):
         simulation(start=tmp_path / "missing.npz")
@@ -123,7 +123,7 @@ def test_what_was_solved_before_a_failure_is_in_the_error(monkeypatch: pytest.Mo
     assert here.step(3).tick == 8
 
 
-def test_a_pickled_simulation_goes_on_bit_for_bit() -> None:
+def test_a_pickled_simulation_continues_bit_identically() -> None:
     here = simulation()
     here.step(3)
     other = pickle.loads(pickle.dumps(here))

@@ -140,7 +140,7 @@ def test_what_a_soft_joint_cannot_be_is_refused_by_name(name: str) -> None:
         joined(HUNG.format(mass=0.2, joint="<freejoint/>"), at, overrides=overrides)
 
 
-def test_a_body_far_from_the_tip_is_refused_with_the_place_of_the_tip() -> None:
+def test_a_body_far_from_the_tip_is_refused_with_the_tips_position() -> None:
     soft, model, data = joined(HUNG.format(mass=0.2, joint="<freejoint/>"), ("wrist", "tool"), overrides=CALM)
     data.qpos[-7] = 0.5
     with pytest.raises(InputError, match=r"'tool' is 0\.5\d* m from the soft robot's tip at"):

@@ -139,7 +139,7 @@ def test_its_modes_are_those_that_the_run_reports(tmp_path: Path, integrator: st
     start = {"start.cable_tension_N": list(PULLED.values()), "solver.damping_per_s": 4.0}
     simulation = cosim.Simulation(path, overrides={**changes, **start}, kept=parts())
     simulation.step(simulation.ticks_left)
-    footing = simulation.snapshot.footing
+    footing = simulation.snapshot.stability
     assert footing is not None
     model = cosim.linearise(simulation)
     frequencies, decays, shapes = model.modes(len(footing.frequencies_Hz))

@@ -1,4 +1,4 @@
-"""A run goes on with what it was loaded from: a file that has been changed since is refused by name."""
+"""A run resumes with the files that it was loaded from; a file that was changed later is refused by name."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_a_changed_scenario_is_refused(command: Command, capsys: pytest.CaptureF
     file.write_text(as_it_ran.replace("payload_compensation = true", "payload_compensation = false"))
     assert command.resume() == 2
     text = capsys.readouterr().err
-    assert "scenario.toml has been changed since the run began" in text
+    assert "scenario.toml was changed after the run began" in text
     assert "cosim.Simulation(" in text
     file.write_text(as_it_ran + "# a remark changes nothing\n", encoding="utf-8")
     assert command.resume() == 0
@@ -40,7 +40,7 @@ def test_a_scenario_that_is_changed_while_the_run_lasts_is_refused(
 
     assert command.start(at_tick=at_tick) == 130
     assert command.resume() == 2
-    assert "scenario.toml has been changed since the run began" in capsys.readouterr().err
+    assert "scenario.toml was changed after the run began" in capsys.readouterr().err
 
 
 def test_a_copy_of_a_run_goes_on(command: Command, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_a_folder_of_the_users_own_is_left_as_it_is(
     assert command.start() == 2
     assert contents(command.directory) == before
     text = capsys.readouterr().err
-    assert text.startswith(f"cosim: error: --out {command.directory}: holds files that are not known")
+    assert text.startswith(f"cosim: error: --out {command.directory}: has files that are not known")
     assert "(recording-best.rrd, scenario.toml, summary.json)" in text
 
 
@@ -70,7 +70,7 @@ def test_a_scenario_edited_in_the_runs_directory_is_not_replaced(
     file.write_text(file.read_text(encoding="utf-8") + "# my remarks\n", encoding="utf-8")
     before = contents(command.directory)
     assert command.start() == 2
-    assert f"--out {file}: has been changed since it was written" in capsys.readouterr().err
+    assert f"--out {file}: was changed after it was written" in capsys.readouterr().err
     assert contents(command.directory) == before
 
 

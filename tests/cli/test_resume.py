@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from cosim.app import checkpoint, preparation
+from cosim.app import checkpoint, preparation, resuming
 from cosim.app.preparation import build_simulation
 from cosim.app.simulation import Simulation as SteppedByHand
 from cosim.base.state_file import load
@@ -85,7 +85,7 @@ def test_an_interrupted_run_goes_on(command: Command, whole: dict[str, Any]) -> 
 def test_a_second_signal_leaves_a_state_some_ticks_before(
     tick: int, kept: int, command: Command, whole: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checkpoint, "_KEEP_S", 0.0)
+    monkeypatch.setattr(checkpoint, "_SAVE_EVERY_s", 0.0)
     assert command.start(at_tick=interrupt_at(tick, times=2)) == 130
     assert command.resume() == 0
     assert summary_of(command.directory)["resumed_at_ticks"] == [kept]
@@ -177,20 +177,20 @@ def test_a_run_without_checkpoint_is_refused(command: Command, capsys: pytest.Ca
     command.start(at_tick=interrupt_at(7))
     (command.directory / "checkpoint.npz").unlink()
     assert command.resume() == 2
-    assert "left no checkpoint.npz; start it again: cosim run" in capsys.readouterr().err
+    assert "has no checkpoint.npz; start it again: cosim run" in capsys.readouterr().err
 
 
 def test_a_directory_without_a_run_is_refused(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
     assert command.resume() == 2
-    assert "holds no run" in capsys.readouterr().err
+    assert "has no run" in capsys.readouterr().err
 
 
 def test_another_program_is_refused(
     command: Command, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command.start(at_tick=interrupt_at(7))
-    here = checkpoint.code_identity()
-    monkeypatch.setattr(checkpoint, "code_identity", lambda: {**here, "numba": "0.1", "source": "x"})
+    here = resuming.code_identity()
+    monkeypatch.setattr(resuming, "code_identity", lambda: {**here, "numba": "0.1", "source": "x"})
     names = command.names()
     assert command.resume() == 2
     text = capsys.readouterr().err

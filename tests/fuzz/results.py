@@ -28,7 +28,7 @@ from pyarrow import parquet
 
 import cosim
 from cosim.cli.main import main as command_line
-from cosim.results.result import COLUMNS, FRAME_COLUMNS
+from cosim.results.run_columns import COLUMNS, FRAME_COLUMNS
 from tests.fuzz.checkpoints import interrupted_statics
 from tests.fuzz.forgeries import places_of
 from tests.fuzz.verdict import FINDING, Trial, Verdict, traceback_verdict

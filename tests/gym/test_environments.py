@@ -20,9 +20,9 @@ from pyarrow import parquet
 import cosim.gym
 from cosim.cli.main import main
 from cosim.errors import ConvergenceError, InputError
+from cosim.gym.grasp_task import GraspLift
 from cosim.gym.policy import LinearPolicy, policy_of
 from cosim.gym.recorder import EpisodeRecorder
-from cosim.gym.tasks import GraspLift
 
 RIGID: dict[str, Any] = {"fidelity": "rigid", "kept": cosim.KeptParts()}  # brought to rest once
 ARMS = ("cosim/TipReach-v0", "cosim/TipFollow-v0")
@@ -146,7 +146,7 @@ def test_a_changed_clock_keeps_the_length_of_a_step() -> None:
     before = environment.measured
     for changes in ({"clock.tick_s": 3e-3}, {"clock": {"tick_s": 0.05}}):
         with pytest.raises(
-            InputError, match=r"clock\.tick_s is 0\.0.*whole ticks have to make a step of 0\.02 s"
+            InputError, match=r"clock\.tick_s is 0\.0.*whole ticks must make a step of 0\.02 s"
         ):
             environment.reset(seed=3, options={"changes": changes})
     # the episode goes on, and chance as it would
@@ -166,7 +166,7 @@ def test_a_changed_clock_keeps_the_length_of_a_step() -> None:
         ({"options": {"goal": [0.1, 0.2]}}, "options: goal has 2 numbers; must be 3"),
         ({"options": {"goal": "far"}}, r"options: goal is 'far'; must be 3 numbers in a row"),
         ({"options": {"changes": 5}}, "changes are 5; give values by key path"),
-        ({"options": {"start": 5}}, "5: holds no simulation but a int"),
+        ({"options": {"start": 5}}, "5: holds a int, not the state of a simulation"),
         ({"options": [1]}, r"options are \[1\]; give values by name: start, changes, goal"),
         ({"seed": "x"}, "seed is 'x'; must be a whole number from 0 on"),
         ({"seed": -1}, "seed is -1; must be a whole number from 0 on"),
@@ -354,7 +354,7 @@ def test_the_farthest_goals_are_reached_by_going_towards_them(far: tuple[float, 
 
 
 @pytest.mark.parametrize("away", [(-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
-def test_an_arm_that_goes_one_way_for_a_whole_episode_finds_joints_for_it(away: tuple[float, ...]) -> None:
+def test_an_arm_that_moves_in_one_direction_for_an_episode_finds_joints(away: tuple[float, ...]) -> None:
     environment: Any = gymnasium.make(ARMS[0], **RIGID).unwrapped
     environment.reset(seed=0)
     action, info, truncated = np.array([*away, 0.0, 0.0, 0.0], np.float32), {}, False

@@ -77,7 +77,7 @@ def test_what_is_no_policy_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     with pytest.raises(InputError, match=r"broken.onnx': cannot be read as ONNX"):
         policy_of(str(tmp_path / "broken.onnx"))
     with pytest.raises(
-        InputError, match="its inputs are desired_goal, here; there are observation, achieved"
+        InputError, match="its inputs are desired_goal, here; an environment has observation, achieved"
     ):
         policy_of(written(tmp_path / "other.onnx", achieved="here"))
     monkeypatch.setitem(sys.modules, "onnxruntime", None)

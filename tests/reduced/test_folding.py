@@ -24,7 +24,7 @@ from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.state import Clamp, SoftState
-from cosim.stepping.parts import film_law
+from cosim.stepping.film_contact import film_law
 from tests.small_section import kept_model
 
 UNITS = 3

@@ -17,8 +17,9 @@ from pyarrow import parquet
 import cosim
 from cosim.app import preparation
 from cosim.errors import ConvergenceError
-from cosim.results.array_files import stage_of, stored_stage
-from cosim.results.result import COLUMNS, FRAME_COLUMNS, RunResult
+from cosim.results.result import RunResult
+from cosim.results.run_columns import COLUMNS, FRAME_COLUMNS
+from cosim.results.stored_stage import stage_of, stored_stage
 from tests.cli.interrupted import Command, interrupt_at
 
 REFERENCE = "ur5e_hexagon_arm"
@@ -58,7 +59,7 @@ def test_a_loaded_run_is_the_one_in_memory(made_up: None, tmp_path: Path) -> Non
         loaded.stage.membrane_stress(np.zeros((3, 3)))
 
 
-def test_the_arrays_of_a_run_along_a_path_are_kept(made_up: None) -> None:
+def test_the_arrays_of_a_run_along_a_path_are_saved(made_up: None) -> None:
     stage = replace(cosim.run(REFERENCE).stage, tip_paths={1: object()})  # type: ignore[dict-item]
     stored = json.loads(json.dumps(stored_stage(stage)))
     assert stage_of(stored).phase_names == stage.phase_names
@@ -145,7 +146,7 @@ def test_a_run_of_the_version_before_is_refused_by_name(made_up: None, tmp_path:
     for path in tmp_path.glob("*.parquet"):
         path.unlink()
     version = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["cosim_version"]
-    text = rf"holds no arrays\.parquet.*cosim {version}.*run it again: cosim run"
+    text = rf"has no arrays\.parquet.*cosim {version}.*run it again: cosim run"
     with pytest.raises(cosim.InputError, match=text):
         cosim.load_run(tmp_path)
 
@@ -164,7 +165,7 @@ def test_arrays_of_another_schema_are_refused_by_name(made_up: None, tmp_path: P
     ("spoil", "text"),
     [
         (lambda folder: (folder / "arrays.parquet").write_bytes(b"PAR1"), "arrays.parquet: cannot be read"),
-        (lambda folder: (folder / "summary.json").unlink(), "holds no run, for want of a summary.json"),
+        (lambda folder: (folder / "summary.json").unlink(), "has no run: summary.json is missing"),
         (lambda folder: (folder / "summary.json").write_text("[]"), "summary.json: is no summary"),
         (
             lambda folder: parquet.write_table(pa.table({"tick": [1]}), folder / "arrays.parquet"),

@@ -15,7 +15,7 @@ from pyarrow import parquet
 
 import cosim
 from cosim.cli.main import EXIT_INPUT, main
-from cosim.results.array_files import read_header
+from cosim.results.arrow_files import read_header
 
 SPECIMEN = {"phase.start.increments": 2, "phase.inflate.increments": 3}
 STUDY = {
@@ -77,7 +77,7 @@ def test_rounded_and_missing_numbers_are_refused(run: Path) -> None:
         return table.set_column(place, field, table["sag_m"].cast(pa.float32()))
 
     rewrite(run / "arrays.parquet", rounded)
-    with pytest.raises(cosim.InputError, match=r"arrays\.parquet: cannot be read: .*holds float"):
+    with pytest.raises(cosim.InputError, match=r"arrays\.parquet: cannot be read: .*has type float"):
         cosim.load_run(run)
 
 
@@ -131,7 +131,7 @@ def test_a_summary_without_its_figures_is_refused_when_it_is_loaded(run: Path, c
     assert cosim.load_run(run)._repr_html_().count("<tr>") == 1 + len(summary["phases"])
     change(summary)
     path.write_text(json.dumps(summary), encoding="utf-8")
-    with pytest.raises(cosim.InputError, match=r"summary\.json: is no whole summary.*; run it again: cosim"):
+    with pytest.raises(cosim.InputError, match=r"summary\.json: is no complete summary.*run it again: cosim"):
         cosim.load_run(run)
 
 

@@ -152,12 +152,12 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are no episodes"):
         write_episodes(tmp_path / "none", [], 50.0)
     other = LearningEpisode("reach", {**made(3).columns, "action": np.zeros((3, 4))}, made(3).images)
-    with pytest.raises(InputError, match="episode 1: action is not as in episode 0"):
+    with pytest.raises(InputError, match="episode 1: action differs from episode 0"):
         write_episodes(tmp_path / "other", [made(3), other], 50.0)
     short = LearningEpisode("reach", made(3).columns, made(2).images, made(3).names)
     with pytest.raises(InputError, match="episode 1: eye has 2 rows, others 3"):
         write_episodes(tmp_path / "short", [made(3), short], 50.0)
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match="holds something; give a new or empty directory"):
+    with pytest.raises(InputError, match="is not empty; give a new or empty directory"):
         write_episodes(tmp_path, [made(3)], 50.0)
     assert png(made(1).images["eye"][0]).startswith(b"\x89PNG")

@@ -15,8 +15,8 @@ from cosim.app import preparation
 from cosim.base.column import Column, RunFigure, View
 from cosim.base.columns import RunColumns
 from cosim.recording.plots import plots_of
-from cosim.results import exports
-from cosim.results.result import COLUMNS
+from cosim.results import csv_table
+from cosim.results.run_columns import COLUMNS
 
 NAME = "servo_power_W"
 
@@ -49,7 +49,7 @@ def test_a_further_column_is_in_results_files_summary_and_plots(
         assert found.summary["max_servo_power_W"] == np.abs(power).max()
     field = parquet.read_schema(tmp_path / "arrays.parquet").field(NAME)
     assert (field.metadata[b"unit"], field.metadata[b"meaning"]) == (b"W", b"mechanical power of the servos.")
-    exports.write_csv(result, tmp_path / "arrays.csv")
+    csv_table.write_csv(result, tmp_path / "arrays.csv")
     assert csv.read_csv(tmp_path / "arrays.csv")[f"{NAME} [W]"].to_pylist() == power.tolist()
     assert [axes.get_ylabel() for axes in result.plot(NAME).axes] == ["servo power [W]"]
     shown = {plot.entity: plot for plot in plots_of(result.stage, 6)}

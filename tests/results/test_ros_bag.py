@@ -138,10 +138,10 @@ def test_the_tip_points_along_z_of_its_frame() -> None:
     np.testing.assert_allclose(rotations_from_quaternions(down[None])[0, :, 2], [0.0, 0.0, -1.0])
 
 
-def test_other_files_in_the_folder_are_kept(result: cosim.RunResult, tmp_path: Path) -> None:
+def test_other_files_in_the_folder_are_not_replaced(result: cosim.RunResult, tmp_path: Path) -> None:
     ros_bag.write_bag(result, tmp_path / "bag")
     ros_bag.write_bag(result, tmp_path / "bag")  # its own is replaced
     (tmp_path / "bag" / "notes.txt").write_text("mine")
-    with pytest.raises(cosim.InputError, match="holds other files"):
+    with pytest.raises(cosim.InputError, match="has files that are not of a bag"):
         ros_bag.write_bag(result, tmp_path / "bag")
     assert (tmp_path / "bag" / "notes.txt").read_text() == "mine"

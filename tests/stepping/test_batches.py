@@ -63,7 +63,7 @@ def test_what_was_solved_before_a_failure_is_shown(error: BaseException) -> None
     batches = run.batches()
     assert [batch.tick.tolist() for batch in islice(batches, 2)] == [[0], [1, 2, 3, 4]]
     assert not run.saves_now  # the next tick has been begun
-    with pytest.raises(InputError, match="a later tick than 4 has been begun"):
+    with pytest.raises(InputError, match="a later tick than 4 has begun"):
         run.save_state()
     with pytest.raises(type(error)):
         next(batches)

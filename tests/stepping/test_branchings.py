@@ -57,7 +57,7 @@ def test_a_saddle_is_left_and_named_whatever_the_increments(increments: int) -> 
     assert abs(snap["tip_m"][1]) > 0.08
     assert summary["phases"][-1]["stability"] == "after a snap"
     (line,) = (line for line in summary["phases"][-1]["branchings"] if "branches at" in line)
-    assert "of tip gives way along (0, 1, 0) or against it" in line
+    assert "of tip moves along (0, 1, 0) or against it" in line
     assert "on the other side it is at" in line
 
 
@@ -93,7 +93,7 @@ def test_a_phase_that_ends_near_its_branching_says_so(caplog: pytest.LogCaptureF
 
 
 @pytest.mark.long
-def test_held_in_time_it_is_told_where_it_comes_to_rest() -> None:
+def test_in_time_its_position_at_rest_is_reported() -> None:
     # Without a load to one side it may stay unstable for 8 s: rounding alone decides when it leaves.
     # This one is a ten thousandth of its weight: far above rounding, and too little to decide beforehand.
     aside = [0.0, -1e-3, -9.81]
@@ -130,7 +130,7 @@ def test_a_small_snap_is_named_as_well() -> None:
 
 
 @pytest.mark.parametrize("together", [pytest.param(False, marks=pytest.mark.long), True])
-def test_a_branching_that_a_slow_ramp_passes_between_two_looks_is_named(together: bool) -> None:
+def test_a_branching_between_two_checks_of_a_slow_ramp_is_reported(together: bool) -> None:
     # it is straight at 75 % of its ramp, and at rest aside at its end
     keys = {"robot": "none", "clock.tick_s": 0.004, "phase.inflate.duration_s": 6.0}
     if together:

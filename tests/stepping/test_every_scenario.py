@@ -21,7 +21,7 @@ NAMES = [name for name in list_scenarios() if not has_arms(name) and name not in
 @pytest.mark.parametrize(
     "name", [name for name in list_scenarios() if not has_arms(name) and name not in WHOLE]
 )
-def test_a_scenario_starts_and_goes_on(name: str) -> None:
+def test_a_scenario_starts_and_continues(name: str) -> None:
     scenario = load_scenario(name)
     simulation = build(scenario)
     snapshots = list(islice(simulation.steps(), SNAPSHOTS))

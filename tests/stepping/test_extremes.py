@@ -133,7 +133,7 @@ def test_the_atlas_is_large_and_its_scenarios_load() -> None:
     assert not load_scenario("ur5e_hexagon_arm", overrides(replace(heavy, object_kg=None))).objects
 
 
-def test_the_required_region_is_looked_at() -> None:
+def test_the_required_region_is_tested() -> None:
     good = {"tick_s": 1e-3, "pressure_Pa": 30e3, "kind": "stable"}
     outside = {"tick_s": 0.1, "pressure_Pa": 30e3, "kind": "named"}
     bad = {"tick_s": 2e-2, "pressure_Pa": 100e3, "kind": "named"}

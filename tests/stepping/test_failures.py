@@ -25,7 +25,7 @@ INFLATE: dict[str, Any] = {"name": "inflate", "duration_s": 0.2, "increments": 8
         ("quasistatic", r"phase 'inflate', increment 1 of 8, 0 kPa.*: no equilibrium found: "),
     ],
 )
-def test_a_failure_names_its_place(mode: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_names_phase_and_step(mode: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
     steps = {"clock.tick_s": 0.01, "mode": mode, "phase": [INFLATE]}
     run = cosim.Simulation("three_unit_inflation", overrides=steps)
     bounds = {"residual_tolerance_N": 1e-15, "dynamic_tolerance_N": 1e-15}

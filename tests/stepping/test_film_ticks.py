@@ -66,9 +66,7 @@ LOSSY: dict[str, Any] = {"soft_robot__film__loss_factor": 0.05, "solver__integra
 
 
 @pytest.mark.parametrize(("most", "changes"), [(38, {}), (70, {}), (83, {}), (70, LOSSY)])
-def test_a_run_that_is_restored_goes_on_as_it_would_have(
-    path: Path, most: int, changes: dict[str, Any]
-) -> None:
+def test_a_restored_run_continues_as_the_original(path: Path, most: int, changes: dict[str, Any]) -> None:
     run: Any = build_simulation(scenario(path, **changes))
     list(run.batches(most=most))
     saved = run.save_state()

@@ -62,7 +62,7 @@ def test_sealing_alone_changes_nothing() -> None:
     assert result.tip_position[-1] == pytest.approx(result.tip_position[last], abs=1e-9)
 
 
-def test_sealed_and_given_pressure_agree_at_the_pressure_reached() -> None:
+def test_sealed_and_prescribed_pressure_agree_at_the_pressure_reached() -> None:
     closely: dict[str, Any] = {"solver.residual_tolerance_N": 1e-9}  # leaning is soft
     sealed = run(phase("push", gas="sealed", force=PUSH), **closely)
     pressure_Pa = float(sealed.pressure_Pa[-1])
@@ -187,5 +187,5 @@ def test_wrong_settings_of_the_gas_are_refused(setting: str, value: Any, path: s
     assert word in str(caught.value)
 
 
-def test_a_run_at_a_given_pressure_says_so() -> None:
+def test_a_run_at_a_prescribed_pressure_reports_it() -> None:
     assert "**Gas**: at a given pressure" in build(load_scenario("three_unit_inflation")).stage.report

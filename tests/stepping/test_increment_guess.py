@@ -9,8 +9,8 @@ import pytest
 
 import cosim
 from cosim.base.frames import Array, Wrench
-from cosim.stepping.quasistatic import next_of
-from cosim.stepping.scene_carrier import ArmCarrier
+from cosim.stepping.arm_carrier import ArmCarrier
+from cosim.stepping.extrapolation import next_of
 
 TURNS = """
 schema = 2
@@ -33,7 +33,7 @@ flange_turn = { axis = [0.0, 1.0, 0.0], angle_rad = -0.3 }
 """
 
 
-def test_a_parabola_goes_on_as_it_is_and_a_single_value_stays() -> None:
+def test_a_parabola_is_extrapolated_and_a_single_value_stays() -> None:
     times = np.arange(5.0)[:, None, None]
     trail = 1.0 + times * [[2.0, -1.0], [0.5, 3.0]] + 0.3 * times**2
     assert next_of(trail[:4]) == pytest.approx(trail[4], abs=1e-13)
@@ -42,12 +42,12 @@ def test_a_parabola_goes_on_as_it_is_and_a_single_value_stays() -> None:
     assert next_of(trail[:3]) == pytest.approx(line, abs=1e-13)
 
 
-def test_a_line_goes_on_where_a_parabola_has_not_led_far_nearer() -> None:
+def test_a_line_is_used_if_a_parabola_is_not_far_nearer() -> None:
     kinked = np.array([0.0, 1.0, 2.0, 4.0])[:, None]  # both were off by one
     assert next_of(kinked) == pytest.approx([6.0], abs=1e-13)
 
 
-def test_an_arm_gives_way_in_fewer_rounds_where_its_deflection_is_foreseen(
+def test_an_arm_with_extrapolated_deflection_needs_fewer_rounds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, rounds = tmp_path / "turns.toml", [0]

@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.app.driver import Options, drive, execute
+from cosim.app.driver import drive, execute
 from cosim.app.preparation import build_simulation
+from cosim.app.run_follower import Options
 from cosim.app.simulation import Simulation
 from cosim.build import section_models
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.errors import InputError, InstabilityError, OutOfRangeError
-from cosim.stepping.scene_carrier import ArmCarrier
+from cosim.stepping.arm_carrier import ArmCarrier
 from cosim.stepping.stepped_run import SteppedRun
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
 from tests.small_section import on_a_ur5e, section
@@ -91,7 +92,7 @@ def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
     assert [len(batch) for batch in islice(batches, 2)] == [1, 8]
     assert run.saves_now
     run._error = InstabilityError("of tick 9")
-    with pytest.raises(InputError, match="a later tick than 8 has been begun"):
+    with pytest.raises(InputError, match="a later tick than 8 has begun"):
         run.save_state()
     run._error = None
     saved = run.save_state()
@@ -100,7 +101,7 @@ def test_nothing_is_saved_ahead_of_what_is_shown(path: Path) -> None:
     assert_close(together(run, 3), rest, 0.0)
 
 
-def test_a_run_stopped_within_a_phase_goes_on_bit_for_bit(
+def test_a_run_stopped_within_a_phase_continues_bit_identically(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wanted, seen = scenario(path), []

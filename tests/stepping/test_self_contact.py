@@ -90,7 +90,7 @@ def test_fingers_meet_and_press_in_statics() -> None:
     assert "Self contact**: not modelled" in through.stage.report
 
 
-def test_a_dynamic_run_with_rubbing_films_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_a_dynamic_run_with_rubbing_films_continues_bit_identically(tmp_path: Path) -> None:
     whole = simulation(SCENARIO, **QUICK)
     steps = whole.steps()
     for snapshot in steps:
@@ -104,7 +104,7 @@ def test_a_dynamic_run_with_rubbing_films_goes_on_bit_for_bit(tmp_path: Path) ->
     assert same(list(islice(other.steps(), 8)), expected)
 
 
-def test_a_static_run_with_pressing_films_goes_on_bit_for_bit(tmp_path: Path) -> None:
+def test_a_static_run_with_pressing_films_continues_bit_identically(tmp_path: Path) -> None:
     whole, other = simulation(SCENARIO, **SHORT), simulation(SCENARIO, **SHORT)
     steps = whole.steps()
     for snapshot in steps:

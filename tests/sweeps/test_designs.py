@@ -50,7 +50,7 @@ def test_lists_grids_and_samples_combine(tmp_path: Path) -> None:
     assert designs[0]["soft_robot.film.thickness_m"] == designs[3]["soft_robot.film.thickness_m"]
 
 
-def test_values_that_are_lists_or_tables_are_kept_whole(tmp_path: Path) -> None:
+def test_values_that_are_lists_or_tables_stay_complete(tmp_path: Path) -> None:
     table = study(
         "[grid]\nphase.lift.cable_tension_N = [[0.0, 1.0], [1.0, 0.0]]\n"
         "soft_robot.stiffener = [{ kind = 'none' }, { kind = 'rigid' }]\n",

@@ -19,8 +19,8 @@ import pytest
 import cosim
 from cosim.sweeps import engines, sweeping
 from cosim.sweeps import engines as fan_out
+from cosim.sweeps.designs import Row, Task
 from cosim.sweeps.engines import Engine, Pool
-from cosim.sweeps.table import Row, Task
 
 STUDY = """
 scenario = "three_unit_inflation"
@@ -58,7 +58,7 @@ def command(study: Path, out: Path, workers: int) -> list[str]:
     return [sys.executable, "-m", "cosim", *words]
 
 
-def test_a_sweep_on_processes_is_killed_and_goes_on_to_the_same_table(
+def test_a_sweep_on_processes_is_killed_and_continues_to_the_same_table(
     study: Path, wanted: bytes, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -152,7 +152,7 @@ def unused(_task: Task) -> Row:
 
 
 def statuses(engine: Any) -> dict[str, str]:
-    tasks = [(name, Task(b"", directory=name)) for name in NAMES]
+    tasks = [engines.IdentifiedTask(name, Task(b"", directory=name)) for name in NAMES]
     found = list(fan_out.rows_of(engine, unused, tasks))
     assert len(found) == len(NAMES)
     return {name: row.status for name, row in found}
@@ -164,7 +164,7 @@ def test_a_design_that_kills_its_worker_is_lost_and_the_others_are_not() -> None
     assert engine.pools > 2
 
 
-def test_designs_left_when_a_given_executor_breaks_are_lost() -> None:
+def test_designs_left_when_a_users_executor_breaks_are_lost() -> None:
     engine = BreakingEngine(replaceable=False)
     found = statuses(engine)
     assert {found[name] for name in ("a", "b")} == {"completed"}

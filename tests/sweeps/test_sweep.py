@@ -17,9 +17,9 @@ import cosim
 from cosim.cli.main import main
 from cosim.cli.sweep_line import sweep_line
 from cosim.config import studies
-from cosim.sweeps import sweeping as worker
+from cosim.sweeps import worker
 from cosim.sweeps.figure_names import check_figures
-from cosim.sweeps.sweeping import SweepProgress
+from cosim.sweeps.study_run import SweepProgress
 
 SET = {"phase.start.increments": 1, "phase.inflate.increments": 2}
 PRESSURES = [8e3, 9e3, 1e4]
@@ -129,12 +129,14 @@ def test_other_code_is_another_content(
     executor: Executor, runs: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cosim.sweep(STUDY, out=tmp_path, engine=executor)
-    monkeypatch.setattr("cosim.sweeps.sweeping.code_identity", lambda: {"source": "other"})
+    monkeypatch.setattr("cosim.sweeps.study_run.code_identity", lambda: {"source": "other"})
     assert cosim.sweep(STUDY, out=tmp_path, engine=executor).computed == 3
     assert len(runs) == 6
 
 
-def test_a_killed_sweep_goes_on_from_its_journal(executor: Executor, runs: list[Any], tmp_path: Path) -> None:
+def test_a_killed_sweep_continues_from_its_journal(
+    executor: Executor, runs: list[Any], tmp_path: Path
+) -> None:
     cosim.sweep(STUDY, out=tmp_path / "whole", engine=executor)
     cosim.sweep(STUDY, out=tmp_path / "killed", engine=executor)
     path = tmp_path / "killed" / "rows.jsonl"
@@ -188,7 +190,7 @@ def test_all_figures_of_a_run_are_known_before_it(executor: Executor, tmp_path: 
     check_figures(studies.load_study({**STUDY, "figures": figures}))
 
 
-def test_a_measure_of_ones_own_adds_columns(executor: Executor, runs: list[Any], tmp_path: Path) -> None:
+def test_a_custom_measure_adds_columns(executor: Executor, runs: list[Any], tmp_path: Path) -> None:
     file = tmp_path / "own.py"
     text = "def stretch(result):\n    return {{'length_m': {} * result.tip_position[-1, 2]}}\n"
     file.write_text(text.format("1.0"), encoding="utf-8")
@@ -197,7 +199,7 @@ def test_a_measure_of_ones_own_adds_columns(executor: Executor, runs: list[Any],
     frame = cosim.open_sweep(tmp_path / "a")
     assert frame["length_m"].tolist() == frame["tip_position_m.z"].tolist()
     assert frame.attrs["units"]["length_m"] == "m"
-    with pytest.raises(cosim.InputError, match="holds no function 'width'"):
+    with pytest.raises(cosim.InputError, match="has no function 'width'"):
         cosim.sweep({**STUDY, "measure": f"{file}:width"}, out=tmp_path / "b", engine=executor)
 
 
@@ -216,7 +218,7 @@ def test_a_measure_that_cannot_travel_is_refused_before_anything_runs(tmp_path: 
     assert not (tmp_path / "a").exists()
 
 
-def test_runs_are_kept_where_asked_for(executor: Executor, tmp_path: Path) -> None:
+def test_runs_are_saved_on_request(executor: Executor, tmp_path: Path) -> None:
     study = {**STUDY, "grid": {"phase.inflate.pressure_Pa": [9e3]}, "keep_runs": True}
     cosim.sweep(study, out=tmp_path, engine=executor)
     (row,) = cosim.open_sweep(tmp_path).to_dict("records")
@@ -285,15 +287,15 @@ def test_a_study_can_be_checked_without_running_it(
 
 
 def test_what_is_no_sweep_is_refused(executor: Executor, tmp_path: Path) -> None:
-    with pytest.raises(cosim.InputError, match=r"holds no sweep\.parquet; make one: cosim sweep"):
+    with pytest.raises(cosim.InputError, match=r"has no sweep\.parquet; make one: cosim sweep"):
         cosim.open_sweep(tmp_path)
     (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
-    with pytest.raises(cosim.InputError, match="holds files that are not known to be results"):
+    with pytest.raises(cosim.InputError, match="has files that are not known to be results"):
         cosim.sweep(STUDY, out=tmp_path, engine=executor)
     shutil.rmtree(tmp_path)
 
 
-def test_the_line_tells_the_time_left_at_the_rate_so_far() -> None:
+def test_the_line_shows_the_time_left_at_the_present_rate() -> None:
     line = sweep_line(SweepProgress(200, 60, 21, {"refused": 5, "completed": 55}, 40.0))
     assert line == "60 of 200 designs: 55 completed, 5 refused, 4:40 left"
     assert "left" not in sweep_line(SweepProgress(200, 1, 1, {"completed": 1}, 0.0))

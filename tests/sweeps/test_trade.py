@@ -24,23 +24,14 @@ from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.flange_motion import pose_of
 from cosim.sweeps.candidates import Candidate, candidates_of
+from cosim.sweeps.designs import Row
 from cosim.sweeps.engines import Engine
-from cosim.sweeps.sweeping import SweepProgress
-from cosim.sweeps.table import Row
-from cosim.sweeps.trade import (
-    Measured,
-    Requirement,
-    choice_line,
-    commands_of,
-    compare,
-    draw,
-    flange_pose,
-    markdown,
-    measure,
-    pareto_front,
-    pick,
-    sampled,
-)
+from cosim.sweeps.study_run import SweepProgress
+from cosim.sweeps.tracer import sampled
+from cosim.sweeps.trade import commands_of, compare, flange_pose, measure
+from cosim.sweeps.trade_choice import Requirement, choice_line, pareto_front, pick
+from cosim.sweeps.trade_report import draw, markdown
+from cosim.sweeps.trade_results import Measured
 
 REFERENCE, GRASP = "ur5e_hexagon_arm", "gripper_lifts_roll"
 PUBLISHED = {"model.published": True}
@@ -308,7 +299,7 @@ def test_objects_that_can_move_are_compared() -> None:
         for curves in ({**still, "contact_N": [0.0, 0.0], "objects_m": each} for each in places)
     ]
     candidates = Candidate("reference", {}, reference=True), Candidate("other", {})
-    other = compare(list(zip(candidates, rows, strict=True)))[1]
+    other = compare(candidates, rows)[1]
     assert other.object_error_m == other.position_error_m == pytest.approx(0.5)
     assert other.tip_error_m == 0.0
 
@@ -328,7 +319,7 @@ def test_a_candidate_that_fails_or_is_too_slow_leaves_the_others(runs: Runs) -> 
     assert coarse.comparable
 
 
-def test_the_first_reference_that_ends_is_taken_and_the_next_tells_its_error(runs: Runs) -> None:
+def test_the_first_completed_reference_is_used_and_the_next_shows_its_error(runs: Runs) -> None:
     lost = {"phase.inflate.pressure_Pa": 20e3, "solver.dynamic_newton_iterations": 1, "clock.tick_s": 0.05}
     candidates = [
         Candidate("lost", {**lost, "soft_robot.film.young_modulus_Pa": 1e4}, reference=True),
@@ -354,7 +345,7 @@ def test_a_pose_of_the_flange_survives_its_table(turn: list[float]) -> None:
     np.testing.assert_allclose(again.translation, pose.translation, atol=1e-15)
 
 
-def test_commands_in_place_of_targets_lead_the_same_way() -> None:
+def test_commands_instead_of_targets_give_the_same_run() -> None:
     scenario = load_scenario(REFERENCE, PUBLISHED)
     commanded = load_scenario(scenario, commands_of(scenario))
     assert all(phase.tip_target is None for phase in commanded.phases)

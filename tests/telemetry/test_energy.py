@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app.checkpoint import check_shown
+from cosim.app.shown_state import check_shown
 from cosim.base.names import LOST, TERMS
 from cosim.base.names import PUT_IN as ALL_PUT_IN
 from cosim.recording.plots import plots_of
@@ -172,8 +172,8 @@ def test_ticks_in_pieces_close_the_balance_and_a_block_bounces_as_in_short_ticks
     assert restitution[0] == pytest.approx(restitution[1], rel=0.1)
     # one tick at a time, as a loop of someone else takes them, pieces are known as well
     simulation = cosim.Simulation(file, overrides={"object.block.position_m": place})
-    snapshot = next(each for _ in range(60) if (each := simulation.step()).table.pieces)
-    (pieces,) = snapshot.table.pieces.values()
+    snapshot = next(each for _ in range(60) if (each := simulation.step()).table.substeps)
+    (pieces,) = snapshot.table.substeps.values()
     assert len(pieces.positions) == 4
     np.testing.assert_array_equal(pieces.positions[-1], snapshot.node_position)
     assert not pieces.positions.flags.writeable

@@ -50,7 +50,7 @@ def test_copies_hold_the_values(copied: Callable[[Any], Any]) -> None:
         np.testing.assert_array_equal(getattr(found.figures, name), value)
 
 
-def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
+def test_a_saved_snapshot_survives_an_archive(tmp_path: Path) -> None:
     snapshot = next(
         build(load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": "rigid"})).steps()
     )
@@ -63,7 +63,7 @@ def test_what_is_kept_goes_through_an_archive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fidelity", ["lumped", "rigid"])
-def test_a_snapshot_asked_late_shows_its_own_tick(fidelity: str) -> None:
+def test_a_snapshot_read_late_shows_its_tick(fidelity: str) -> None:
     def taken(asked_at_once: bool) -> list[Snapshot]:
         steps = build(
             load_scenario("ur5e_hexagon_arm", {"model.published": True, "fidelity": fidelity})

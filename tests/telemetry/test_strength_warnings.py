@@ -6,18 +6,18 @@ import math
 
 import pytest
 
-from cosim.telemetry.bounds import section_warnings, strength_warnings
+from cosim.telemetry.bound_warnings import section_warnings, strength_warnings
 
 
 @pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])
-def test_the_strain_is_told_in_enough_digits(peak: float, told: str) -> None:
+def test_the_strain_is_reported_in_enough_digits(peak: float, told: str) -> None:
     phase = {"name": "pull", "stiffener": {"peak_strain": peak, "strength_strain": 0.02}}
     (warning,) = strength_warnings([phase])
-    assert f"strained by {told} %, beyond the 2 % that" in warning
+    assert f"strain {told} %, limit 2 %; lower the pressure" in warning
 
 
 @pytest.mark.parametrize("peak", [0.019, 0.02, None])
-def test_what_stays_within_is_not_told(peak: float | None) -> None:
+def test_strain_within_the_limit_is_not_reported(peak: float | None) -> None:
     assert not strength_warnings(
         [{"name": "pull", "stiffener": {"peak_strain": peak, "strength_strain": 0.02}}]
     )
@@ -28,5 +28,5 @@ def test_a_section_model_of_unknown_accuracy_is_warned_of() -> None:
     assert not section_warnings(None)
     assert not section_warnings(known)
     (warning,) = section_warnings(known | {"tip_error": math.inf})
-    assert "accuracy is not known" in warning
+    assert "accuracy is unknown" in warning
     assert "fidelity = 'lumped'" in warning

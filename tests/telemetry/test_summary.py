@@ -16,8 +16,10 @@ from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import StabilityReport
+from cosim.telemetry.closing_lines import error_line
 from cosim.telemetry.film_shapes import FilmShapes
-from cosim.telemetry.summary import SummaryBuilder, error_line, summary_markdown
+from cosim.telemetry.summary import SummaryBuilder
+from cosim.telemetry.summary_markdown import summary_markdown
 from tests.ticks import changed
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
@@ -118,7 +120,7 @@ def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callab
         builder = SummaryBuilder(stage, 0.0, "0")
         for snapshot in simulation.steps():
             stands = StabilityReport(frequency_Hz, 0.0, 1.0, frequencies_Hz=(frequency_Hz,))
-            builder.observe(changed(snapshot, footing=stands).table)
+            builder.observe(changed(snapshot, stability=stands).table)
         summary = builder.finish("completed", None, 0.01)
         mode = {"frequency_Hz": frequency_Hz, "declared_decay_per_s": 1.0, "numerical_decay_per_s": numerical}
         assert all(phase["modes"] == [mode] for phase in summary["phases"])

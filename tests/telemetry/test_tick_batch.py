@@ -95,7 +95,7 @@ def test_snapshots_of_a_batch_are_those_it_was_made_of() -> None:
         batch.snapshot(6)
 
 
-def test_a_snapshot_is_its_own_and_stays_so() -> None:
+def test_a_snapshot_does_not_change_with_its_batch() -> None:
     """Whoever keeps a snapshot keeps no other ticks, and cannot write to it."""
     batch = TickBatch.of(snapshots("lumped"))
     for first in (batch.snapshot(3), pickle.loads(pickle.dumps(batch.snapshot(3)))):

@@ -19,9 +19,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_progress_is_told_once_a_phase_where_nothing_renews_itself(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_progress_is_shown_once_a_phase_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     result = cosim.run(RUN, observers=[cosim.ProgressBar()])
     lines = capsys.readouterr().err.splitlines()
     assert [line.split()[3] for line in lines] == list(result.stage.phase_names)

@@ -16,7 +16,8 @@ from cosim.build.given_body import NamedBody
 from cosim.build.soft_body import build_soft_body
 from cosim.cli.main import EXIT_INPUT, main
 from cosim.errors import MeshError, ScenarioError
-from cosim.results.result import ResultBuilder, RunResult
+from cosim.results.result import RunResult
+from cosim.results.result_builder import ResultBuilder
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.hinge import Hinges
@@ -95,7 +96,7 @@ def columns(result: RunResult) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
-def test_an_arm_given_as_arrays_moves_bit_for_bit_like_that_of_its_file(mode: str) -> None:
+def test_an_arm_from_arrays_is_bit_identical_to_that_of_its_file(mode: str) -> None:
     changes = {**SHORT, "mode": mode, "start.cable_tension_N": [1.0, 2.0]}
     scenario = cosim.load_scenario("ur5e_hexagon_arm", changes)
     robot = scenario.soft_robot
@@ -166,7 +167,7 @@ def test_groups_of_nodes_are_held_and_loaded_by_name(file: Path) -> None:
     assert 0.0 < held.tip_position[-1, 0] < 0.5 * loose.tip_position[-1, 0]
 
 
-def test_all_faults_are_told_beside_a_body(file: Path) -> None:
+def test_all_faults_are_reported_with_a_body(file: Path) -> None:
     with pytest.raises(ScenarioError) as told:
         cosim.load_scenario(file, {"clock.tick_s": -1.0, "phase.bend.pressure_Pa": "much"}, tube().table())
     assert {path for path, _ in told.value.faults} == {"clock.tick_s", "phase.bend.pressure_Pa"}
@@ -190,7 +191,7 @@ def test_its_files_go_on_only_with_the_body(file: Path) -> None:
         cosim.run(cosim.load_scenario(file, body=tube().table()))
 
 
-def test_an_interrupted_run_goes_on_from_python_alone(
+def test_an_interrupted_run_continues_from_python_alone(
     file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, out, seen = cosim.run(file, body=tube()), file.parent / "out", []
