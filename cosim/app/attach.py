@@ -44,7 +44,7 @@ def attach(
 
     Raises:
         InputError: the model has no such site or body, its integrator is RK4, a key is wrong, or the soft
-            joint's model has no film that could give way.
+            joint's model has no deformable film.
     """
     from cosim.rigid.scene.host_model import HostModel  # here: it loads MuJoCo
 
