@@ -45,6 +45,7 @@ def fail_at(run: Any, tick: int, error: BaseException) -> None:
 @pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
 def test_batches_are_the_steps_of_one_phase_each(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stepped_run, "_SHOWN_S", 1e9)
+    monkeypatch.setattr(stepped_run, "_SHOWN", 64)
     batches = list(simulation(mode=mode).batches())
     assert [len(batch) for batch in batches] == ([1, 64, 26, 10] if mode == "dynamic" else [1, 5, 5])
     assert all(len(set(batch.phase.tolist())) == 1 for batch in batches)
