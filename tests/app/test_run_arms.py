@@ -207,7 +207,7 @@ def test_the_command_line_leaves_the_files_of_each_arm(
         pressures[name] = run.chamber_pressure_Pa[0, 0]
     assert pressures == {"left": 3e3, "right": 2e3}
     assert found_recordings(out / "left") == found_recordings(out) == [out / "recording.rrd"]
-    with pytest.raises(InputError, match=rf"several arms, left, right: .* such as {out / 'left'}"):
+    with pytest.raises(InputError, match=rf"several arms, left, right; .* such as {out / 'left'}"):
         cosim.load_run(out)
     assert load_arms(out / "scenario.toml").arms["left"].start.pressure_Pa == 3e3
     assert main(["run", "--resume", str(out)]) == 2

@@ -275,7 +275,7 @@ def test_warming_up_compiles_what_a_run_calls() -> None:
     code = (
         "from cosim.cli.main import main; assert main(['warm-up', 'two_arms_hold_box', 'none_such']) == 2; "
         "from cosim.coupling import payload; from cosim.coupling.contact import contact_kernels; "
-        "all_ = payload.fill_payload, contact_kernels.place_shapes; "
+        "all_ = payload.fill_payload, contact_kernels.predict_poses; "
         "print(*(kernel.cache.is_there(kernel.fixed_signature) for kernel in all_))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
