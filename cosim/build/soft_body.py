@@ -12,7 +12,6 @@ from cosim.base.frames import Array, IntArray, Pose, in_mm
 from cosim.build.given_body import LEAST_RING
 from cosim.build.mesh_file import drawn_mesh
 from cosim.build.paper_model import published_robot
-from cosim.build.patterns import drawn_pattern
 from cosim.build.stack import NODES_PER_AREA, stack_meshes
 from cosim.config.schema import body_sources, pattern, settings, soft_robot
 from cosim.config.schema.film import FilmTable
@@ -127,6 +126,8 @@ def _drawn_body(robot: soft_robot.SoftRobotTable) -> tuple[NamedMesh, NamedMesh]
         mesh = drawn_mesh(robot.body)
         _check_held(mesh, robot.base)
     elif isinstance(robot.body, pattern.PatternTable):
+        from cosim.build.patterns import drawn_pattern  # imported here because few robots need the mesher
+
         mesh = drawn_pattern(robot.body, robot.base[0], robot.stiffener.kind != "none")
     else:
         mesh = robot.body.mesh()
