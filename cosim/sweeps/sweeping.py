@@ -1,5 +1,7 @@
 """Runs all designs of a study and writes their table."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
