@@ -25,8 +25,9 @@ from cosim.errors import ConvergenceError, UnreachableError
 from cosim.plan.tip_targets import reach
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium, StepOptions
-from cosim.soft.solve.tip_search import find_tensions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import StepOptions
+from cosim.soft.solve.tension_search import find_tensions
 from cosim.soft.solve.tip_target import TipTarget
 
 DESIGNS, TARGETS = 30, 200

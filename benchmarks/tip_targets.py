@@ -35,9 +35,10 @@ from cosim.plan.static_plan import start_equilibrium
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame, center_line_length, center_rings
 from cosim.soft.solve import tip_target as search
+from cosim.soft.solve.flange_search import find_flange_pose
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium, StepOptions
-from cosim.soft.solve.tip_search import find_flange_pose
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import StepOptions
 
 START = FlangePoseTable((0.4, 0.0, 0.7), (0.0, 0.0, -1.0))
 BOX = np.array([[0.3, 0.5], [-0.2, 0.2], [0.6, 0.8]])

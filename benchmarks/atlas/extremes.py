@@ -23,7 +23,8 @@ from cosim.soft.elements.material import Film, FilmLaw
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.state import Equilibrium, Integrator, StepOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 
 Kind: TypeAlias = Literal["stable", "slow", "named", "unnamed"]
 

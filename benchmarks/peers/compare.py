@@ -30,7 +30,7 @@ from benchmarks.measure.page_tables import put_table
 from benchmarks.peers import lumped, mujoco_flex
 from benchmarks.peers.case import PAIRS_HEAD, SAMPLE_S, SWING, Case, Run, alternately, longest_tick
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 TRUTH_TICK_S = 1e-4

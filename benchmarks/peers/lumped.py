@@ -26,10 +26,12 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.hinge import Hinges
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Integrator, SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 
 _HANGING = Pose(np.diag([1.0, -1.0, -1.0]))
 _INFLATION_Pa = 10e3  # of an increment, to the start

@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.measure.page_tables import put_table
 from benchmarks.peers import lumped, mujoco_flex
 from benchmarks.peers.case import ON_BAR, PAIRS_HEAD, SAMPLE_S, Run, alternately, longest_tick
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 
 EULER, BDF2 = "cosim, implicit Euler", "cosim, BDF2"
 EXPLICIT, IMPLICIT = "MuJoCo flex, Euler (explicit)", "MuJoCo flex, discrete (implicit)"

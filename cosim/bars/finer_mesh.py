@@ -16,7 +16,8 @@ from cosim.errors import ConvergenceError
 from cosim.soft.body import body, places
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.self_contact_pairs import FilmMemory
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 ITERATIONS_MAX: Final = 600
 """Iterations of each search for a state at rest, on either mesh."""

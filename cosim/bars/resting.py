@@ -14,7 +14,8 @@ from cosim.build.soft_model import SoftModel
 from cosim.coupling.robots.beam_robot import BeamRobotState
 from cosim.coupling.robots.film_robot import FilmRobot, FilmRobotState
 from cosim.errors import ConvergenceError, InputError
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.telemetry.phase_ends import PhaseEnd
 
 _SHORT: Final = 60
@@ -193,7 +194,7 @@ class RestingStates:
             difference = (earlier.rest.state.positions - before.soft.positions) @ turn.T
             starts.append(SoftState.at_rest(film.soft.positions + difference, earlier.rest.state.memory))
         start = better_start(side, starts, film.flange, film.loads)
-        presses = side.films is not None and side.films.press_at_rest(start.positions)
+        presses = side.films is not None and side.films.presses_at_rest(start.positions)
         return replace(start, touching=NO_FILM_CONTACT) if presses else start
 
     def _earlier(self, index: int) -> Pair | None:

@@ -10,7 +10,8 @@ import numpy as np
 from cosim.base.frames import Array, Pose
 from cosim.coupling.robots import beam_robot, film_robot
 from cosim.reduced.solve.clamp import FrameClamp, film_clamp
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 
 @final

@@ -18,7 +18,8 @@ from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.robots.shape_moments import ShapeMoments
 from cosim.soft.body.body import SoftBody
 from cosim.soft.solve import stability
-from cosim.soft.solve.state import Equilibrium, StepOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import StepOptions
 
 _ROUNDS: Final = 4
 """Rounds of three Ritz vectors each."""

@@ -128,7 +128,7 @@ class Equilibria:
 
         Args:
             names: names of the outputs.
-            kinks: see `EquilibriumSlope`.
+            kinks: see `EquilibriumDerivatives`.
         """
         model, outputs = self.model, outputs_of(names, self.model)
         robot = parameters.parameters_of([self.keys[k] for k in self._robot], model)

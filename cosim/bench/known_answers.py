@@ -30,10 +30,12 @@ from cosim.soft.elements.gas import SealedGas, STANDARD_ATMOSPHERE_Pa
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Equilibrium, Integrator, SoftState, StepOptions
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 from cosim.soft.solve.time_step import Stepper
 
 UNLOADED: Final = Loads(gravity=(0.0, 0.0, 0.0))

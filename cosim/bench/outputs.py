@@ -17,8 +17,14 @@ from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import newton
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side, Slope
-from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.parameter_derivatives import (
+    EquilibriumDerivatives,
+    ParameterChange,
+    ParameterDerivative,
+    PerturbedModel,
+)
+from cosim.soft.solve.state import Equilibrium
 
 XYZ: Final = "xyz"
 _LINEAR: Final = "tip_position_m"
@@ -36,7 +42,7 @@ class OutputShape(NamedTuple):
         flange: world from flange.
     """
 
-    side: Side
+    side: PerturbedModel
     positions: Array
     gradient: Array
     flange: Pose
@@ -154,7 +160,7 @@ def read_at(outputs: Sequence[Output], film: FilmPotential, clamp: Clamp, here: 
     """Return the values (outputs,) at an equilibrium."""
     x, memory = np.array(here.state.positions, order="C"), film.fresh(here.state.memory)
     film.evaluate(x, here.loads, film.losses_at(x, here.loads, memory), memory, hessian=False)
-    side = Side(0.0, 0.0, 0.0, film, clamp, here.loads)
+    side = PerturbedModel(0.0, 0.0, 0.0, film, clamp, here.loads)
     return read(outputs, OutputShape(side, x, film.gradient.copy(), here.world_from_flange))
 
 
@@ -198,7 +204,11 @@ def _of_nodes(kind: str, of: str, model: StaticModel) -> Iterator[Output]:
 
 
 def change(
-    outputs: Sequence[Output], slopes: EquilibriumSlope, moved: Moved, slope: Slope, flange: Pose
+    outputs: Sequence[Output],
+    slopes: EquilibriumDerivatives,
+    moved: ParameterChange,
+    slope: ParameterDerivative,
+    flange: Pose,
 ) -> Array:
     """Return the derivatives (outputs,) by a parameter.
 
@@ -225,7 +235,7 @@ class Slopes:
         parameters: columns of the Jacobian.
         outputs: rows of the Jacobian.
         model: the model.
-        kinks: see `EquilibriumSlope`.
+        kinks: see `EquilibriumDerivatives`.
     """
 
     def __init__(
@@ -250,7 +260,10 @@ class Slopes:
             here: the equilibrium.
             only: indices of some parameters; None for all.
         """
-        slopes, flange = EquilibriumSlope(solver, clamp, here, kinks=self._kinks), here.world_from_flange
+        slopes, flange = (
+            EquilibriumDerivatives(solver, clamp, here, kinks=self._kinks),
+            here.world_from_flange,
+        )
         moved = [self._moves[k](here, clamp) for k in (range(len(self._moves)) if only is None else only)]
         found = read(self._outputs, OutputShape(slopes.own, here.state.positions, slopes.gradient, flange))
         columns = [

@@ -21,9 +21,11 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.parameter_derivatives import ParameterChange, PerturbedModel
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.sensitivity import Moved, Side
-from cosim.soft.solve.state import Clamp, Equilibrium, StepOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.stepping.film_contact import film_law
 
 _ROBOT: Final = "soft_robot."
@@ -41,7 +43,7 @@ _SCALE: Final = {"pressure_Pa": 1e4, "cable_tension_N": 10.0, "cable_length_m": 
 _STRAIGHT: Final = ("young_modulus_Pa", "density_kg_m3", "node_mass_kg", "stiffness_factor")
 """Keys in which forces are linear."""
 
-Moves: TypeAlias = Callable[[Equilibrium, Clamp], Moved]
+Moves: TypeAlias = Callable[[Equilibrium, Clamp], ParameterChange]
 """Function of an equilibrium and its active clamp, which returns the difference quotient of a parameter."""
 
 _CENTRAL: Final = ((-1.0, -0.5, 1.0), (1.0, 0.5, 1.0))
@@ -150,14 +152,16 @@ class ModelParameter:
         alike = [content_name(film.body.cables) == content_name(drawn.cables) for *_, film in made]
         held = list[Clamp]()  # clamps of the sides, then the clamp that they were made for
 
-        def moves(here: Equilibrium, clamp: Clamp) -> Moved:
+        def moves(here: Equilibrium, clamp: Clamp) -> ParameterChange:
             if not held or held[-1] is not clamp:
                 held[:] = [*(_redrawn_clamp(clamp, drawn, film.body) for *_, film in made), clamp]
             sides = tuple(
-                Side(offset, weight, bend, film, own, _redrawn_loads(own is clamp, here, film, law), same)
+                PerturbedModel(
+                    offset, weight, bend, film, own, _redrawn_loads(own is clamp, here, film, law), same
+                )
                 for (offset, weight, bend, film), own, same in zip(made, held[:-1], alike, strict=True)
             )
-            return Moved(self.name, sides, straight)
+            return ParameterChange(self.name, sides, straight)
 
         return moves
 
@@ -199,15 +203,16 @@ class LoadParameter:
     def moves(self, model: StaticModel) -> Moves:
         """Return the difference quotient of the load, as a function of equilibrium and clamp."""
 
-        def moves(here: Equilibrium, clamp: Clamp) -> Moved:
+        def moves(here: Equilibrium, clamp: Clamp) -> ParameterChange:
             loads = here.loads
             value = self.value_in(loads, len(model.chambers))
             step = _STEPS.get(self.kind, _STEP) * max(abs(value), _SCALE[self.kind])
             made = _sided(lambda offset: self.changed(loads, value + offset, model), step, self.name)
             sides = tuple(
-                Side(offset, weight, bend, model.film, clamp, own) for offset, weight, bend, own in made
+                PerturbedModel(offset, weight, bend, model.film, clamp, own)
+                for offset, weight, bend, own in made
             )
-            return Moved(self.name, sides, straight=self.kind != "cable_length_m")
+            return ParameterChange(self.name, sides, straight=self.kind != "cable_length_m")
 
         return moves
 
@@ -393,7 +398,7 @@ def _scheme(
 
 def _check_alike(one: SoftBody, other: SoftBody, name: str) -> None:
     same = one.nodes == other.nodes and np.array_equal(one.triangles, other.triangles)
-    if not same or one.memory_places != other.memory_places or not np.array_equal(one.base, other.base):
+    if not same or one.memory_slices != other.memory_slices or not np.array_equal(one.base, other.base):
         raise InputError(
             f"{name}: nodes or triangles of the mesh change with it, so results are not smooth in it"
         )

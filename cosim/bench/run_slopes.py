@@ -20,17 +20,11 @@ from cosim.coupling.robots.film_robot import FilmRobotState
 from cosim.errors import InputError, SensitivityError
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve import newton, step_begin
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
-from cosim.soft.solve.state import (
-    Clamp,
-    Equilibrium,
-    SoftState,
-    StepOptions,
-    flange_axes,
-    follow_flange,
-    inertia_weight,
-)
+from cosim.soft.solve import newton, step_prediction
+from cosim.soft.solve.clamp import Clamp, fill_flange_velocity, flange_axes
+from cosim.soft.solve.parameter_derivatives import EquilibriumDerivatives, ParameterChange, PerturbedModel
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.soft.solve.step_scheme import StepOptions, inertia_weight
 
 
 @final
@@ -58,7 +52,7 @@ class RunSlopes:
         self._moves = [each.moves(model) for each in parameters]
         self._solver, self._clamp = self._newton(start.clamp), start.clamp
         self._rates: dict[tuple[int, int], StrainRates | None] = {}
-        shape = EquilibriumSlope(self._solver, start.clamp, _at(start))
+        shape = EquilibriumDerivatives(self._solver, start.clamp, _at(start))
         moved = self._moved(start)
         self._found = list(zip(moved, shape.by(moved), strict=True))
         self._shape, still = shape, np.zeros_like(start.soft.positions)
@@ -67,7 +61,7 @@ class RunSlopes:
     def _newton(self, clamp: Clamp) -> newton.NewtonSolver:
         return newton.NewtonSolver(self._model.film, clamp.mask(self._model.film.body.nodes))
 
-    def _moved(self, here: FilmRobotState) -> list[Moved]:
+    def _moved(self, here: FilmRobotState) -> list[ParameterChange]:
         return [moves(_at(here), here.clamp) for moves in self._moves]
 
     def tick(self, after: FilmRobotState, step_s: float) -> None:
@@ -92,8 +86,8 @@ class RunSlopes:
         if not after.clamp.holds_as(self._clamp):
             self._solver, self._clamp = self._newton(after.clamp), after.clamp
         own = self._inertia((-1, 0), self._own_side(after), before, after, step_s)
-        self._shape = EquilibriumSlope(self._solver, after.clamp, _at(after), kinks=True, inertia=own)
-        bed = self._options.bed(step_s, first=before.earlier is None)
+        self._shape = EquilibriumDerivatives(self._solver, after.clamp, _at(after), kinks=True, inertia=own)
+        coefficients = self._options.coefficients(step_s, first=before.earlier is None)
         moved = self._moved(after)
         for k, each in enumerate(moved):
             begins = [_moved(before, self._states[k], side.offset) for side in each.sides]
@@ -105,8 +99,8 @@ class RunSlopes:
         states, self._found = self._states, list(zip(moved, self._shape.by(moved), strict=True))
         self._here, self._states = after, []
         for (x, v, earlier_x, _), (_, slope) in zip(states, self._found, strict=True):
-            base = (4.0 * x - earlier_x) / 3.0 if bed.two_steps else x
-            self._states.append((slope.motion, (slope.motion - base) / bed.span, x, v))
+            base = (4.0 * x - earlier_x) / 3.0 if coefficients.two_steps else x
+            self._states.append((slope.motion, (slope.motion - base) / coefficients.span, x, v))
 
     def read(self, outputs: Sequence[Output]) -> tuple[Array, Array]:
         """Return outputs (m,), and their Jacobian (m, parameters), at the end of the last tick."""
@@ -117,11 +111,16 @@ class RunSlopes:
         columns = [change(outputs, self._shape, each, slope, flange) for each, slope in self._found]
         return values, np.stack(columns, axis=1) if columns else np.zeros((len(values), 0))
 
-    def _own_side(self, here: FilmRobotState) -> Side:
-        return Side(0.0, 0.0, 0.0, self._model.film, here.clamp, here.loads)
+    def _own_side(self, here: FilmRobotState) -> PerturbedModel:
+        return PerturbedModel(0.0, 0.0, 0.0, self._model.film, here.clamp, here.loads)
 
     def _inertia(
-        self, place: tuple[int, int], side: Side, before: SoftState, after: FilmRobotState, step_s: float
+        self,
+        place: tuple[int, int],
+        side: PerturbedModel,
+        before: SoftState,
+        after: FilmRobotState,
+        step_s: float,
     ) -> Inertia:
         """Return inertia and losses of a tick, for one side of a difference quotient.
 
@@ -133,21 +132,25 @@ class RunSlopes:
             step_s: h [s].
         """
         options, film = self._options_of(place[0], side.offset), side.film
-        bed = options.bed(step_s, first=before.earlier is None)
+        coefficients = options.coefficients(step_s, first=before.earlier is None)
         x, v = before.positions, before.velocities
         earlier_x, earlier_v = before.earlier or (x, v)
         along, base, target = np.zeros_like(x), np.empty_like(x), np.empty_like(x)
-        if bed.share > 0.0:
-            follow_flange(side.clamp.held, flange_axes(after.flange), x, earlier_x, bed, along)
-        step_begin.fill_bed(x, v, earlier_x, earlier_v, along, bed, base, target)
+        if coefficients.alpha_s > 0.0:
+            fill_flange_velocity(
+                side.clamp.held, flange_axes(after.flange), x, earlier_x, coefficients, along
+            )
+        step_prediction.fill_inertia_target(x, v, earlier_x, earlier_v, along, coefficients, base, target)
         if place not in self._rates:
             self._rates[place] = StrainRates.of(film.body)
         rates = self._rates[place]
         if rates is not None:
             share = film.losses_at(x, side.loads, before.memory)
             film.evaluate(x, side.loads, share, before.memory, hessian=False)
-            rates.fill(x, earlier_x if bed.two_steps else None, film.memory.copy(), bed.span)
-        coefficient = film.body.node_mass * inertia_weight(bed.span, options.losses_per_s)
+            rates.fill(
+                x, earlier_x if coefficients.two_steps else None, film.memory.copy(), coefficients.span
+            )
+        coefficient = film.body.node_mass * inertia_weight(coefficients.span, options.losses_per_s)
         return Inertia(coefficient, target, step_s, options.closely, rates)
 
     def _options_of(self, number: int, offset: float) -> StepOptions:

@@ -18,7 +18,7 @@ from cosim.config.toml.rules import errors_at
 from cosim.reduced.section_model import STRAINS, SectionModel
 from cosim.soft.body.body import SoftBody
 from cosim.soft.contact.contact_law import ContactLaw
-from cosim.soft.solve import newton_options, state
+from cosim.soft.solve import newton_options, step_scheme
 
 EQUILIBRIUM_ITERATIONS_MAX = 100
 REUSE_MAX = 12  # iterations with a reused factorisation; after that a new one is faster
@@ -58,13 +58,13 @@ def static_options(scenario: Scenario) -> newton_options.NewtonOptions:
         search_iterations_max=scenario.solver.search_iterations_max,
         reuse_max=REUSE_MAX if scenario.mode == "quasistatic" else 0,
         reuse_below_N=STATIC_REUSE_BELOW_N,
-        leaves_saddles=not scenario.solver.follow_unstable,
+        switches_branches=not scenario.solver.follow_unstable,
     )
 
 
-def dynamic_options(scenario: Scenario) -> state.StepOptions:
+def dynamic_options(scenario: Scenario) -> step_scheme.StepOptions:
     """Return the options of a scenario's time steps."""
-    return state.StepOptions(
+    return step_scheme.StepOptions(
         integrator=scenario.solver.integrator,
         tolerance_N=scenario.solver.dynamic_tolerance_N,
         iterations=scenario.solver.dynamic_newton_iterations,

@@ -31,7 +31,7 @@ from cosim.soft.body.body import SoftBody, hinge_energy_share
 from cosim.soft.body.places import parents
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.film.film_energies import FilmEnergies
-from cosim.soft.solve import state
+from cosim.soft.solve import step_scheme
 from cosim.stepping.film_contact import film_report
 from cosim.stepping.parts import Parts
 from cosim.telemetry.camera_image import CameraInfo
@@ -137,7 +137,7 @@ def _decay(scenario: Scenario) -> Decay | None:
     if scenario.mode != "dynamic":
         return None
     options = dynamic_options(scenario)
-    return partial(state.mode_decay, options.integrator, scenario.clock.tick_s, options.losses_per_s)
+    return partial(step_scheme.mode_decay, options.integrator, scenario.clock.tick_s, options.losses_per_s)
 
 
 def _steps(parts: Parts) -> tuple[int, float]:

@@ -99,7 +99,7 @@ class SoftModel:
         if self.section is not None:
             return self.chain()
         arm = film_robot.FilmRobot(self.body, self._flange, self._statics, self._dynamics, self._films)
-        arm.effort.tell = self._tell
+        arm.effort.report = self._tell
         return arm
 
     @property

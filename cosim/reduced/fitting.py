@@ -21,6 +21,7 @@ from cosim.soft.body import loads, places
 from cosim.soft.body.body import SoftBody
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import equilibrium, newton_options, self_contact, state
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
 
 _RIDGE = 1e-5  # penalty on coefficients, scaled by their effect in the samples
@@ -364,7 +365,7 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
     beyond the model's range, are left out.
     """
     film = FilmPotential(body)
-    clamp = state.Clamp.of_base(body)
+    clamp = Clamp.of_base(body)
     options = newton_options.NewtonOptions(tolerance_N=1e-6, start_tolerance_N=1e-6, iterations_max=40)
     newton = NewtonSolver(film, clamp.mask(body.nodes))
     contact = None if films is None else self_contact.SelfContact(body, films)

@@ -19,6 +19,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements import frame_ring
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import equilibrium, newton_options, state
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 
@@ -87,7 +88,7 @@ class Sampler:
             body = body.with_elements(frame_ring.FrameRings.from_shape(body.positions, rings, _COUPLING_N_m))
         self._frames = frames
         self._system = FilmPotential(body)
-        clamp = state.Clamp.of_base(body)
+        clamp = Clamp.of_base(body)
         # square units are solved up to folding; others only until their film crumples
         iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)
         options = newton_options.NewtonOptions(
@@ -95,7 +96,7 @@ class Sampler:
             start_tolerance_N=1e-5,
             iterations_max=iterations,
             shift_max_N_m=shift_N_m,
-            sees_saddles=False,
+            checks_stability=False,
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
         contact = None if films is None else SelfContact(body, films)

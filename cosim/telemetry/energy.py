@@ -21,7 +21,7 @@ from cosim.base.frames import Array, IntArray, Shown
 from cosim.base.names import TERMS, WORKS
 from cosim.coupling.shape_figures import SubstepRecord
 from cosim.soft.body.body import SoftBody
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.telemetry.energy_figures import KINETIC, EnergyFigures, EnergyRow, balance
 from cosim.telemetry.energy_kernels import (
     COLUMNS,

@@ -22,9 +22,10 @@ from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.sensitivity import EquilibriumSlope, Moved, Side
-from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.soft.solve.parameter_derivatives import EquilibriumDerivatives, ParameterChange, PerturbedModel
+from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.quasistatic import QuasistaticSimulation
 from tests.derivatives import differences, relative_error
 
@@ -80,7 +81,7 @@ def solved(simulation: cosim.Simulation, name: str, loads: Loads) -> Callable[[f
             given = parameter.changed(given, value, model)
         there = solution(simulation, given, scenario)
         system = there.solver.film
-        side = Side(0.0, 0.0, 0.0, system, there.clamp, there.here.loads)
+        side = PerturbedModel(0.0, 0.0, 0.0, system, there.clamp, there.here.loads)
         shape = OutputShape(side, there.here.state.positions, system.gradient, there.here.world_from_flange)
         return read(outputs_of(OUTPUTS, StaticModel.of(scenario, system)), shape)
 
@@ -171,7 +172,7 @@ def test_forces_are_linear_in_what_needs_one_assembly() -> None:
     wanted = parameters_of([*(f"soft_robot.{n}" for n in names), "pressure_Pa", "cable_tension_N"], model)
     moved = [each.moves(model)(here, arm.clamp) for each in wanted]
     assert all(each.straight for each in moved)
-    slopes = EquilibriumSlope(solver, arm.clamp, here)
+    slopes = EquilibriumDerivatives(solver, arm.clamp, here)
     two_sided = slopes.by([each._replace(straight=False) for each in moved])
     for one, other in zip(slopes.by(moved), two_sided, strict=True):
         assert relative_error(other.motion, one.motion) < 1e-7
@@ -190,11 +191,13 @@ def test_a_kink_is_refused() -> None:
     arm, here = present(simulation)
     solver = arm.equilibrium_solver.solver
     sides = tuple(
-        Side(offset, 0.5 * offset, 1.0, solver.film, arm.clamp, replace(here.loads, pressure_Pa=(pressure,)))
+        PerturbedModel(
+            offset, 0.5 * offset, 1.0, solver.film, arm.clamp, replace(here.loads, pressure_Pa=(pressure,))
+        )
         for offset, pressure in ((-1.0, 7990.0), (1.0, 8000.0))  # nothing happens above 8 kPa
     )
     with pytest.raises(cosim.SensitivityError, match=r"no derivative by pressure: the forces at node \d+ "):
-        EquilibriumSlope(solver, arm.clamp, here).by([Moved("pressure", sides)])
+        EquilibriumDerivatives(solver, arm.clamp, here).by([ParameterChange("pressure", sides)])
 
 
 def test_a_cable_that_is_about_to_pull_is_refused() -> None:

@@ -26,7 +26,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepOptions
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 from tests.coupling.one_tick import one_tick
 from tests.soft.bodies import icosphere
 

@@ -24,9 +24,11 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState, StepAccuracy, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.coupling.one_tick import one_tick
 

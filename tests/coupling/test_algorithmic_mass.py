@@ -11,7 +11,7 @@ from cosim.coupling.robots.stability_ratio import exchange_gain, reaction_weight
 from cosim.coupling.schemes.algorithmic_mass import algorithmic_mass, carried_fraction, rigid_fraction
 from cosim.coupling.schemes.staggered import StaggeredCoupling
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepAccuracy, StepOptions
+from cosim.soft.solve.step_scheme import Integrator, StepAccuracy, StepOptions
 from tests.coupling.slider import OneBody, Slider
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 

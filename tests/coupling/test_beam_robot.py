@@ -15,7 +15,7 @@ from cosim.errors import InputError, UnreachableError
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepOptions
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 from tests.small_section import body, section
 
@@ -319,7 +319,7 @@ def pushed_back(push_N: float) -> Loads:
 
 @pytest.mark.parametrize("leaves", [True, False])
 def test_pushed_back_it_leans_aside_as_the_film_does(leaves: bool) -> None:
-    arm = BeamRobot(section(), FLANGE, replace(STATICS, leaves_saddles=leaves), StepOptions())
+    arm = BeamRobot(section(), FLANGE, replace(STATICS, switches_branches=leaves), StepOptions())
     begin = arm.start(FLANGE, Loads((20e3,), (0.0, 0.0)))
     arm.commit(begin)
     assert arm.follow(begin, FLANGE, pushed_back(9.0)).branchings == ()

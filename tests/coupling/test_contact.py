@@ -23,7 +23,7 @@ from cosim.soft.contact.obstacle_contact import evaluate
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.coupling.nearest_film import nearest_film
 from tests.coupling.pads import GRASP, Grasp
 from tests.soft.bodies import icosphere

@@ -14,7 +14,7 @@ from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.coupling.robots.stability_ratio import exchange_gain
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
@@ -69,7 +69,7 @@ def test_what_newtons_method_does_not_reach_a_body_slides_to() -> None:
     assert found.iterations > 8
     with pytest.raises(ConvergenceError, match="bound of 30 "):
         arm.find_rest(arm.state, HANGING, loads, 30)
-    assert arm.effort.most == NewtonOptions().search_iterations_max
+    assert arm.effort.iterations_max == NewtonOptions().search_iterations_max
 
 
 def test_a_slide_that_gets_no_nearer_to_rest_is_given_up() -> None:

@@ -14,7 +14,7 @@ from cosim.errors import InputError
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.tip_target import TipTarget
 from tests.soft.bodies import HANGING, PRESSURE_Pa, hexagon_arm, no_load
 
@@ -96,7 +96,7 @@ def test_a_contact_pushes_on_the_flange() -> None:
     one, law = slice(point, point + 1), ContactLaw(smoothing_m=1e-6)
     depth, up = 1e-3, np.array([[0.0, 0.0, 1.0]])
     offset = np.array([arm.state.positions[tip, 2] + depth])
-    planes = ContactPlanes.room(1, law).changed(
+    planes = ContactPlanes.empty(1, law).changed(
         nodes=surface.nodes[one], weights=surface.weights[one], slots=surface.slots[one], normal=up,
         offset=offset, stiffness=np.array([500.0]), anchor=arm.state.positions[[tip]],
     )  # fmt: skip

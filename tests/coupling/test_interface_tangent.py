@@ -10,7 +10,7 @@ import pytest
 from cosim.base.frames import Array
 from cosim.coupling.contact.levers import Levers, rigid_motions
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.state import Integrator, StepAccuracy
+from cosim.soft.solve.step_scheme import Integrator, StepAccuracy
 from tests.coupling.pads import Grasp
 
 TICK_S, NUDGE_m = 1e-3, 1e-7

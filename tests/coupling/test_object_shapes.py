@@ -20,7 +20,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.soft.bodies import icosphere
 
 RADIUS_M, TICK_S, PRESSURE_PA = 0.05, 2e-3, 5e3

@@ -16,7 +16,7 @@ from cosim.errors import InputError
 from cosim.soft.elements.open_caps import OpenCapSolver
 from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepOptions
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 from tests.coupling.pads import Grasp
 from tests.coupling.test_staggered import Rig, rig
 from tests.soft.bodies import HANGING, hexagon_arm, no_load

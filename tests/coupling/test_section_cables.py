@@ -13,7 +13,8 @@ from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import base_tension
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Equilibrium, StepOptions
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.coupling.test_section_touch import AIM, LAW, UP
 from tests.small_section import body, section
 from tests.soft.contacts import half_space

@@ -12,7 +12,7 @@ from cosim.coupling.robots.beam_robot import BeamRobot
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepAccuracy, StepOptions
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions
 from tests.small_section import body, section
 from tests.soft.contacts import half_space
 

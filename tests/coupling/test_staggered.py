@@ -22,7 +22,7 @@ from cosim.rigid.build.description import SceneDescription, ServoGains
 from cosim.rigid.scene.scene import RigidScene
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Integrator, StepOptions
+from cosim.soft.solve.step_scheme import Integrator, StepOptions
 from tests.coupling.one_tick import one_tick
 from tests.soft.bodies import HANGING, WEIGHT_PER_NODE_N, PRESSURE_Pa, hexagon_arm, no_load
 

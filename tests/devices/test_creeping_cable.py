@@ -15,7 +15,7 @@ from cosim.devices.cable_drive import CableDrive
 from cosim.devices.orders import Order
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, base_tension, step_spring
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.devices.device_parts import INFLATE, PULL, SHORTER, WINCH, TICK_s, scenario
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung

@@ -19,7 +19,8 @@ from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry import named_mesh, surface
 from cosim.soft.geometry.polygonal_stack import PolygonalStack, with_finer_holes
 from cosim.soft.solve import equilibrium, newton, newton_options
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 _ON_PLANE_m = 1e-9  # of a plane of symmetry, beyond rounding
 _ROUNDS, _SETTLED_m = 20, 1e-6

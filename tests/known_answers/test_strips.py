@@ -18,8 +18,9 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.material import Film
 from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Equilibrium
+from cosim.soft.solve.state import Equilibrium
 from cosim.soft.solve.time_step import Stepper
 
 GRAVITY = 9.81

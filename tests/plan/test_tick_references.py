@@ -21,7 +21,7 @@ from cosim.plan.ramp import progress
 from cosim.plan.references import TickReferences
 from cosim.plan.static_plan import solved_phases
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.soft.bodies import hexagon_arm
 
 TICK_S = 0.002

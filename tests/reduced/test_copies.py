@@ -18,7 +18,7 @@ from cosim.reduced.solve.tangent import ChainPoint, ChainTangent, HeldLengths, w
 from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.small_section import body, section
 
 PRESSURE_Pa, COUNT, TOLERANCE_N = 25e3, 3, 1e-9

@@ -16,11 +16,12 @@ from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.chain_solver import ChainSolver
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 from tests.small_section import LAW, body, framed_section, section
 
 LEANING = (4.0, 0.0, 9.0)

@@ -19,11 +19,12 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import SoftState
 from cosim.stepping.film_contact import film_law
 from tests.small_section import kept_model
 

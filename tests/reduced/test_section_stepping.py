@@ -14,7 +14,7 @@ from cosim.reduced.solve.chain_step import ChainState
 from cosim.reduced.solve.clamp import FrameClamp, rates_from_nodes, rigid_motion, twists
 from cosim.reduced.solve.time_step import ChainStepper
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.small_section import section
 from tests.soft.bodies import hexagon_arm
 

@@ -16,10 +16,11 @@ from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState
+from cosim.soft.solve.state import Equilibrium, SoftState
 
 FILM = Film(1.3e9, 0.2, 0.11e-3)
 WEIGHT_PER_NODE_N = 0.02

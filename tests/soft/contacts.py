@@ -29,7 +29,7 @@ def half_space(
         anchor: (p, 3) [m]; the origin unless given.
     """
     count = len(surface)
-    return ContactPlanes.room(count, law).changed(
+    return ContactPlanes.empty(count, law).changed(
         nodes=surface.nodes,
         weights=surface.weights,
         slots=surface.slots,

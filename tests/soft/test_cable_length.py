@@ -17,7 +17,7 @@ from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.sensitivity import Sensitivity
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, Evaluate, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, shapes

@@ -16,8 +16,10 @@ from cosim.soft.elements.element import Sums
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import triangle_area
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
-from cosim.soft.solve.state import Clamp, SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import hexagon_arm, icosphere, shapes
@@ -202,7 +204,7 @@ def test_a_squeezed_tube_pushes_back_with_its_pressure_times_its_flat_part() -> 
 def _joined(first: ContactPlanes, second: ContactPlanes) -> ContactPlanes:
     names = ("nodes", "weights", "slots", "normal", "offset", "stiffness", "friction", "anchor")
     joined = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in names}
-    return ContactPlanes.room(len(joined["nodes"]), ContactLaw()).changed(**joined)
+    return ContactPlanes.empty(len(joined["nodes"]), ContactLaw()).changed(**joined)
 
 
 def test_a_body_pressed_on_a_wall_gives_back_what_it_gets() -> None:

@@ -12,19 +12,13 @@ from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.branching import MODES
+from cosim.soft.solve.clamp import Clamp, fill_flange_velocity, flange_axes
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.stability import assess_stability
-from cosim.soft.solve.state import (
-    Clamp,
-    Integrator,
-    SoftState,
-    StepOptions,
-    flange_axes,
-    follow_flange,
-    mode_decay,
-)
-from cosim.soft.solve.step_begin import fill_bed
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_prediction import fill_inertia_target
+from cosim.soft.solve.step_scheme import Integrator, StepOptions, mode_decay
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load
@@ -210,16 +204,16 @@ def test_damping_leaves_rigid_motion_alone(integrator: Integrator) -> None:
     move = stepper(arm, integrator, damping_per_s=10.0)
     carried = [np.ascontiguousarray(turning(k * h).apply(arm.body.positions)) for k in range(3)]
     first = SoftState(carried[0], np.zeros_like(carried[0]), arm.body.first_memory())
-    bed = move.scheme_of(first, h).bed
+    coefficients = move.scheme_of(first, h).coefficients
     state = replace(first, positions=carried[1], earlier=(carried[0], first.velocities))
     if integrator == "bdf2":
-        bed = move.scheme_of(state, h).bed
+        coefficients = move.scheme_of(state, h).coefficients
     base, along = np.empty_like(carried[0]), np.empty_like(carried[0])
     x, v = state.positions, state.velocities
     earlier_x, earlier_v = state.earlier or (x, v)
-    follow_flange(arm.clamp.held, flange_axes(turning(2.0 * h)), x, earlier_x, bed, along)
-    fill_bed(x, v, earlier_x, earlier_v, along, bed, base, np.empty_like(base))
-    due = (carried[2] - base) / bed.span
+    fill_flange_velocity(arm.clamp.held, flange_axes(turning(2.0 * h)), x, earlier_x, coefficients, along)
+    fill_inertia_target(x, v, earlier_x, earlier_v, along, coefficients, base, np.empty_like(base))
+    due = (carried[2] - base) / coefficients.span
     assert along == pytest.approx(due, abs=1e-11)
     assert np.abs(due).max() > 0.5
 

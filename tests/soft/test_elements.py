@@ -21,9 +21,11 @@ from cosim.soft.elements.material import Film
 from cosim.soft.elements.membrane import Membranes
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.film.inertia import Inertia
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import Clamp, SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, no_load, random_rotation, shapes

@@ -15,8 +15,10 @@ from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.cable import Cable
 from cosim.soft.elements.eyelets import SHARE
-from cosim.soft.solve.equilibrium import EquilibriumSolver, slide
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.pseudo_time import slide
+from cosim.soft.solve.search_effort import SearchEffort
 from cosim.soft.solve.state import Equilibrium, SoftState
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space

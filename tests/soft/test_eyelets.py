@@ -15,9 +15,11 @@ from cosim.soft.elements.cable import Cable, base_tension
 from cosim.soft.elements.eyelets import tensions
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.sensitivity import Sensitivity
-from cosim.soft.solve.state import Clamp, SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung

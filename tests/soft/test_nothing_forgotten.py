@@ -25,7 +25,7 @@ from cosim.soft.elements.element import NODES, STILL, DirectElement, Element, In
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.newton_options import NewtonOptions
-from cosim.soft.solve.state import StepOptions
+from cosim.soft.solve.step_scheme import StepOptions
 from tests.soft.bodies import HANGING, hexagon_arm, no_load, shapes
 from tests.soft.contacts import half_space
 from tests.soft.wind import Windy

@@ -19,7 +19,8 @@ from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.linear.pattern import BlockPattern, ranges_apart
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
-from cosim.soft.solve.state import SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import FILM, HANGING, Held, held, hexagon_arm, hung, no_load
 from tests.soft.contacts import half_space

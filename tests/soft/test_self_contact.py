@@ -21,11 +21,13 @@ from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relatio
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import triangle_area
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
-from cosim.soft.solve.state import Clamp, Equilibrium, SoftState, StepOptions
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, PRESSURE_Pa, held, hexagon_arm, icosphere, no_load
 from tests.soft.contacts import half_space

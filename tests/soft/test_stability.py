@@ -80,7 +80,7 @@ def test_small_steps_need_no_look_at_every_equilibrium(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("share", [1.2, 1.5, 3.0])
 def test_eulers_load_is_found_as_a_branching_of_one_large_step(share: float) -> None:
     specimen = STRIP.specimen()
-    leaving = replace(specimen.equilibria.options, leaves_saddles=True)
+    leaving = replace(specimen.equilibria.options, switches_branches=True)
     equilibria = EquilibriumSolver(specimen.newton, NO_CLAMP, leaving)
     found = equilibria.follow(
         equilibria.solve(specimen.drawn(), Pose(), pushed(0.0)), Pose(), pushed(share * EULER_N)
@@ -167,7 +167,7 @@ def roof(share: float) -> tuple[Specimen, Equilibrium]:
     x = np.repeat([-HALF_m, 0.0, HALF_m], 2)
     positions = np.stack([x, np.tile([0.0, WIDTH_m], 3), np.where(x == 0.0, RISE_m, 0.0)], axis=1)
     body = SoftBody.from_arrays(positions, np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]]), ROOF)
-    specimen = Specimen(body, x != 0.0, NewtonOptions(1e-9, step_max_m=1e-3, leaves_saddles=True))
+    specimen = Specimen(body, x != 0.0, NewtonOptions(1e-9, step_max_m=1e-3, switches_branches=True))
     force = np.zeros((6, 3))
     force[2:4, 2] = -0.5 * share * SNAPS_N
     begin = specimen.solve(specimen.drawn(), UNLOADED)
@@ -214,7 +214,7 @@ def ring() -> Specimen:
     held, quarter = np.zeros(positions.shape, np.bool_), RING_NODES // 4
     held[RING_NODES:], held[:, 2] = True, True
     held[[0, 2 * quarter], 1] = held[[quarter, 3 * quarter], 0] = True
-    return Specimen(plain.with_elements(beams), held, NewtonOptions(1e-9, leaves_saddles=True))
+    return Specimen(plain.with_elements(beams), held, NewtonOptions(1e-9, switches_branches=True))
 
 
 def test_a_stiffeners_buckling_load_is_found_as_a_branching() -> None:

@@ -12,7 +12,8 @@ from cosim.soft.beams.beam_rings import BeamRings, RectangularSection
 from cosim.soft.body.body import SoftBody
 from cosim.soft.linear.factor import EXTRA_MAX
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
-from cosim.soft.solve.state import SoftState, StepOptions
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.soft.bodies import HANGING, held, hexagon_arm, hung, no_load
 
@@ -38,7 +39,7 @@ def test_a_factorisation_that_has_cost_as_much_as_a_new_one_is_dropped() -> None
     for k in range(1, 60):
         acting = no_load(arm.body, pressure_Pa=(100.0 * k,))
         state, result = move.step(state, HANGING, acting, STEP_S)
-        kept = arm.newton.factor.kept
+        kept = arm.newton.factor.key
         assert kept is not None
         if due:
             assert result.factorisations > 0

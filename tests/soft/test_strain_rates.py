@@ -21,7 +21,8 @@ from cosim.soft.geometry.surface import dihedral_angle
 from cosim.soft.solve.branching import MODES
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.stability import assess_stability, material_losses
-from cosim.soft.solve.state import Integrator, SoftState, StepOptions, mode_decay
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import Integrator, StepOptions, mode_decay
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors, differences
 from tests.soft.bodies import FILM, HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load, shapes

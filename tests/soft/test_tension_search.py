@@ -16,7 +16,7 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import TipFrame
 from cosim.soft.elements.cable import Cable
 from cosim.soft.solve.state import Equilibrium, SoftState
-from cosim.soft.solve.tip_search import find_tensions
+from cosim.soft.solve.tension_search import find_tensions
 from cosim.soft.solve.tip_target import TipTarget
 from tests.soft.bodies import HANGING, hexagon_arm, no_load
 

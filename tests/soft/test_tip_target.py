@@ -10,8 +10,9 @@ import pytest
 from cosim.base.frames import Array, Pose, rotation_from_vector
 from cosim.errors import UnreachableError
 from cosim.soft.body.places import TipFrame
+from cosim.soft.solve.flange_search import find_flange_pose
 from cosim.soft.solve.state import Equilibrium
-from cosim.soft.solve.tip_search import find_flange_pose, find_tensions, tension_slope
+from cosim.soft.solve.tension_search import find_tensions, tension_slope
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget, shortest_turn
 from tests.derivatives import differences
 from tests.soft.bodies import HANGING, Held, PRESSURE_Pa, held, hexagon_arm, hung, no_load

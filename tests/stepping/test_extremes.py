@@ -17,8 +17,8 @@ from benchmarks.stability import maps, unstable_reference
 from cosim.base.frames import Wrench
 from cosim.config.loading import load_scenario
 from cosim.errors import ConvergenceError
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.state import Clamp
 
 
 def fixed(examples: int) -> settings:

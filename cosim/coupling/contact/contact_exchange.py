@@ -129,7 +129,7 @@ class ContactExchange:
         self.memory = ContactMemory.empty(0)
         self.planes: ContactPlanes | None = None
         self._summed_at: Array | None = None  # nodes for which loads on bodies have been summed
-        self._nothing = ContactPlanes.room(0, self.law)
+        self._nothing = ContactPlanes.empty(0, self.law)
         self._contact_loads = contact_arrays.ContactLoads.none(bodies.count)
         self.age = self.light_ticks = 0
         self._loads_pending = False  # whether bodies have loads that a tick without contact must remove
@@ -196,7 +196,7 @@ class ContactExchange:
         if not count:
             self.memory = ContactMemory.empty(0)
             return None
-        self.planes = ContactPlanes.room(count, self.law)
+        self.planes = ContactPlanes.empty(count, self.law)
         self._describe(x, velocity, near, self.planes)
         return self.planes
 

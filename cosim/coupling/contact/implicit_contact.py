@@ -16,7 +16,7 @@ from cosim.coupling.contact.levers import Levers, SoftStepper
 from cosim.coupling.robots.soft_step import SoftReply
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAccuracy
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 VERY_LIGHT: Final = 30.0
 """Contact ratio above which a guess first moves bodies out of the film."""

@@ -9,7 +9,8 @@ from cosim.base.frames import Array, IntArray, Pose, cross
 from cosim.coupling.robots.soft_step import SoftReply
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve.state import SoftState, StepAccuracy
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 
 def rigid_motions(points: Array, origins: Array) -> Array:

@@ -39,7 +39,7 @@ from cosim.coupling.contact.levers import Levers, SoftStepper
 from cosim.coupling.robots.soft_step import SoftReply
 from cosim.errors import ConvergenceError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAccuracy
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 RATIO_BOUND: Final = 0.5
 """Contact ratio above which contact is implicit.

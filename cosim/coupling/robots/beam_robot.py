@@ -35,19 +35,14 @@ from cosim.soft.body.places import center_rings
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.film.film import FilmPotential
-from cosim.soft.solve import tip_search
-from cosim.soft.solve.branching import Branching, StabilityReport
+from cosim.soft.solve import flange_search, tension_search
+from cosim.soft.solve.branch_switching import switch_branch
+from cosim.soft.solve.branching import Branching, LowestMode, StabilityReport
 from cosim.soft.solve.linear_step import LinearStep
-from cosim.soft.solve.newton_options import NewtonOptions, Outcome, SearchEffort
-from cosim.soft.solve.stability import LowestMode, switch_branch
-from cosim.soft.solve.state import (
-    Equilibrium,
-    Obstacles,
-    SoftState,
-    StepAccuracy,
-    StepOptions,
-    inertia_weight,
-)
+from cosim.soft.solve.newton_options import NewtonOptions, Outcome
+from cosim.soft.solve.search_effort import SearchEffort
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions, inertia_weight
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 _SWITCHES_MAX = 50  # of branches: a leaning stack is nearly neutral about its axis, and may buckle repeatedly
@@ -327,13 +322,13 @@ class BeamRobot(soft_robot.SoftRobot):
 
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
-        return tip_search.find_tensions(self, begin, target).equilibrium
+        return tension_search.find_tensions(self, begin, target).equilibrium
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
     ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
-        return tip_search.find_flange_pose(self, begin, target, options).equilibrium
+        return flange_search.find_flange_pose(self, begin, target, options).equilibrium
 
     def commit(self, found: Equilibrium) -> None:
         """Make an equilibrium the present state."""
@@ -361,7 +356,7 @@ class BeamRobot(soft_robot.SoftRobot):
     def linear_step(self, step_s: float) -> LinearStep:
         """Return a linearised step of length step_s [s] about the present shape, as if it was at rest."""
         resting = self._resting(self._now.last.chain, self._now.loads)
-        return linear_step(resting, self._dynamics.bed(step_s))
+        return linear_step(resting, self._dynamics.coefficients(step_s))
 
     @property
     def full_state(self) -> BeamRobotState:
@@ -381,8 +376,8 @@ class BeamRobot(soft_robot.SoftRobot):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2], the inertia of nodes in a step: c m X for a motion X."""
-        bed = self._dynamics.bed(step_s, first=self._now.last.chain.earlier is None)
-        return inertia_weight(bed.span, self._dynamics.air_drag_per_s)
+        coefficients = self._dynamics.coefficients(step_s, first=self._now.last.chain.earlier is None)
+        return inertia_weight(coefficients.span, self._dynamics.air_drag_per_s)
 
     def contact_surface(self) -> ContactSurface:
         """Return where the body can be touched."""

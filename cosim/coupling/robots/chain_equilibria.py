@@ -17,7 +17,7 @@ from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.reduced.solve.stability import RestingChain
 from cosim.reduced.solve.working_range import INSTEAD, check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, end_of
+from cosim.soft.solve.equilibrium import CONTACT_ROUNDS_MAX, extrapolate
 from cosim.soft.solve.newton_options import NewtonOptions, Outcome
 from cosim.soft.solve.state import Equilibrium, Obstacles
 
@@ -132,7 +132,7 @@ class ChainEquilibria:
             if settled or found.outcome is not Outcome.CONVERGED:
                 return replace(found, iterations=spent, shifted=shifted), loads
             trail.append(found.frames.reshape(-1, 3))
-            start = upright(end_of(trail).reshape(start.shape))
+            start = upright(extrapolate(trail).reshape(start.shape))
         raise ConvergenceError(
             f"no equilibrium found: the contacts still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(loads.contact or ())} points near obstacles; try smaller increments",

@@ -19,21 +19,24 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact import contact_points, overlap_check
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.film.film import FilmPotential
-from cosim.soft.solve import branching, newton_options, resting_film, time_step, tip_search
+from cosim.soft.solve import (
+    branching,
+    flange_search,
+    newton_options,
+    resting_film,
+    search_effort,
+    tension_search,
+    tick_work,
+    time_step,
+)
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.linear_step import LinearStep
 from cosim.soft.solve.newton import NewtonSolver, NewtonState
 from cosim.soft.solve.self_contact import FilmContactLaw, SelfContact
 from cosim.soft.solve.stability import assess_stability, find_instability
-from cosim.soft.solve.state import (
-    Clamp,
-    Equilibrium,
-    Obstacles,
-    SoftState,
-    StepAccuracy,
-    StepOptions,
-    inertia_weight,
-)
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions, inertia_weight
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 Result = TypeVar("Result")
@@ -101,7 +104,7 @@ class FilmRobot(soft_robot.SoftRobot):
         self_contact: FilmContactLaw | None = None,
     ) -> None:
         self.body = body
-        self.effort: newton_options.SearchEffort = newton_options.SearchEffort(statics.search_iterations_max)
+        self.effort: search_effort.SearchEffort = search_effort.SearchEffort(statics.search_iterations_max)
         self._film = FilmPotential(body)
         self._statics, self.dynamics = statics, dynamics
         films = None if self_contact is None else SelfContact(body, self_contact)
@@ -204,7 +207,7 @@ class FilmRobot(soft_robot.SoftRobot):
 
     def inertia_weight(self, step_s: float) -> float:
         """Return c [1/s^2], the inertia of nodes in a step: c m X for a motion X."""
-        span = self.dynamics.bed(step_s, first=self.state.earlier is None).span
+        span = self.dynamics.coefficients(step_s, first=self.state.earlier is None).span
         return inertia_weight(span, self.dynamics.air_drag_per_s)
 
     def contact_surface(self) -> contact_points.ContactSurface:
@@ -228,7 +231,7 @@ class FilmRobot(soft_robot.SoftRobot):
         return self._stepper.solver.linear.solve_all(forces)
 
     @property
-    def _stepping(self) -> tuple[soft_step.StepFunction, Callable[[], None], newton_options.TickWork]:
+    def _stepping(self) -> tuple[soft_step.StepFunction, Callable[[], None], tick_work.TickWork]:
         return self._step, self.restart, self.work
 
     def _step(
@@ -353,11 +356,11 @@ class FilmRobot(soft_robot.SoftRobot):
     ) -> Result:
         """Return a function of a shape at rest; the film and the solver of steps are not changed."""
         film, state = self._film, SoftState.at_rest(shape, self.state.memory, self.state.touching)
-        serving, memory = film.serving, film.memory.copy()
+        serving, memory = film.reusable_pattern, film.memory.copy()
         films = self.films
-        pairs = None if films is None or films.waits(state) else films.static_pairs(shape)
+        pairs = None if films is None or films.is_deferred(state) else films.static_pairs(shape)
         result = function(self._tester, state, loads.with_films(pairs), world_from_flange.rotation)
-        film.serving, film.memory[:] = serving, memory
+        film.reusable_pattern, film.memory[:] = serving, memory
         return result
 
     def overlap(self, shape: Array) -> branching.FilmOverlap | None:
@@ -382,7 +385,7 @@ class FilmRobot(soft_robot.SoftRobot):
 
         def linearise(newton: NewtonSolver, state: SoftState, loads: Loads, _: Array) -> LinearStep:
             resting = resting_film.RestingFilm(newton, self.clamp, self._now.flange, state, loads)
-            return resting.linear_step(self.dynamics.bed(step_s), motions)
+            return resting.linear_step(self.dynamics.coefficients(step_s), motions)
 
         return self._evaluate_at(linearise, self.state.positions, self._now.flange, self._now.loads)
 
@@ -401,18 +404,18 @@ class FilmRobot(soft_robot.SoftRobot):
     def find_tensions(self, begin: Equilibrium, target: TipTarget) -> Equilibrium:
         """Return the equilibrium whose cable tensions bring the tip to a target; the flange stays."""
         with self.effort.search("cable tensions for a tip target"):
-            return tip_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
+            return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
     def tension_slope(self, equilibrium: Equilibrium, target: TipTarget) -> float:
         """Return the change of tensions per error of the tip [N/m], see `tip_search`."""
-        return tip_search.tension_slope(self.equilibrium_solver, equilibrium, target)
+        return tension_search.tension_slope(self.equilibrium_solver, equilibrium, target)
 
     def find_flange_pose(
         self, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
     ) -> Equilibrium:
         """Return the equilibrium whose flange pose brings the tip to a target; the loads stay."""
         with self.effort.search("a flange pose for a tip target"):
-            return tip_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
+            return flange_search.find_flange_pose(self.equilibrium_solver, begin, target, options).equilibrium
 
     def commit(self, found: Equilibrium) -> None:
         """Make an equilibrium the present state."""

@@ -15,7 +15,8 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.element import Sums
-from cosim.soft.solve.state import Equilibrium, SoftState, inertia_weight
+from cosim.soft.solve.state import Equilibrium, SoftState
+from cosim.soft.solve.step_scheme import inertia_weight
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 

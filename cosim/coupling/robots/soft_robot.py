@@ -23,8 +23,9 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.contact import contact_points, self_contact_pairs
 from cosim.soft.contact.obstacle_contact import ContactPlanes
-from cosim.soft.solve import branching, newton_options
-from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState, StepAccuracy, inertia_weight
+from cosim.soft.solve import branching, search_effort, tick_work
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
+from cosim.soft.solve.step_scheme import StepAccuracy, inertia_weight
 from cosim.soft.solve.tip_target import TargetOptions, TipTarget
 
 
@@ -42,12 +43,12 @@ class SoftRobot(ABC):
     obstacles: Obstacles | None = None
     supports_substeps: bool = False
     """Whether a tick may be divided, see `Substepping`."""
-    effort: newton_options.SearchEffort | None = None
+    effort: search_effort.SearchEffort | None = None
 
     @cached_property
-    def work(self) -> newton_options.TickWork:
+    def work(self) -> tick_work.TickWork:
         """Counts and bounds the work of a tick."""
-        return newton_options.TickWork()
+        return tick_work.TickWork()
 
     @abstractmethod
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:

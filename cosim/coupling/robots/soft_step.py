@@ -7,8 +7,8 @@ from typing import Final, TypeAlias, final
 from cosim.base.frames import Pose, Wrench
 from cosim.errors import ConvergenceError, TickWorkError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve import newton_options
-from cosim.soft.solve.state import StepAccuracy
+from cosim.soft.solve import tick_work
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 _HALVINGS_MAX: Final = 5
 
@@ -38,7 +38,7 @@ class SoftReply:
 
 
 def step_with_halving(
-    stepper: tuple[StepFunction, Callable[[], None], newton_options.TickWork],
+    stepper: tuple[StepFunction, Callable[[], None], tick_work.TickWork],
     begin: StepInput,
     end: StepInput,
     step_s: float,

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from cosim.base.frames import Array
-from cosim.soft.solve.state import Integrator
+from cosim.soft.solve.step_scheme import Integrator
 
 IMPLICIT_EULER: Final = (1.0, 0.0, 0.0)
 _BDF2: Final = (9.0 / 4.0, -6.0 / 4.0, 1.0 / 4.0)

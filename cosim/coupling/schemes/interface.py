@@ -42,7 +42,7 @@ from cosim.reduced.sections.figures import FIGURES
 from cosim.rigid.scene.coupled_scene import CoupledScene
 from cosim.rigid.scene.flange import about_origin
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAccuracy
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 # The ratio costs as much as the rest of the exchange and changes slowly with shape and configuration. So it
 # is updated after a time, within bounds of ticks; after a longer time if it is far below its bound.

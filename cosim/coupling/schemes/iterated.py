@@ -28,7 +28,7 @@ from cosim.coupling.schemes.interface import Interface
 from cosim.coupling.schemes.transfer import LEVER_M, six_numbers
 from cosim.errors import ConvergenceError, SolverError
 from cosim.soft.body.loads import Loads
-from cosim.soft.solve.state import StepAccuracy
+from cosim.soft.solve.step_scheme import StepAccuracy
 
 _INDEPENDENT = 1e-8  # smallest singular value of V that counts, relative to the largest
 _LEARNT = 1e-6  # secants below this fraction of the interface's load are rounding, and are dropped

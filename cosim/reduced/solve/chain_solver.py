@@ -28,7 +28,7 @@ from cosim.reduced.solve.reused_factor import ReusedFactor
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.gas import SealedGas
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.step_begin import fill_bed
+from cosim.soft.solve.step_prediction import fill_inertia_target
 
 _ROUNDS_MAX = 30
 _TOLERANCE = 1e-9  # of the absolute pressure
@@ -63,7 +63,7 @@ class ChainTask(NamedTuple):
         x, v, x_before, v_before, to, unused = (
             part.reshape(-1, 3) for part in (*here, *earlier, base, target)
         )
-        fill_bed(x, v, x_before, v_before, v, self.scheme.bed, to, unused)
+        fill_inertia_target(x, v, x_before, v_before, v, self.scheme.coefficients, to, unused)
         return InertiaTerm(self.scheme.inertia, base)
 
 
@@ -152,12 +152,12 @@ class ChainSolver:
         work = self.work if factor is None else factor.work
         side = ChainSide(self.loads.acting(loads, pressure_Pa, near), clamp.free, clamp.offsets, work)
         ends = ChainEnds(motion, motion if earlier is None else earlier, flange, there, gradient, figures)
-        reused = factor is not None and factor.is_of(clamp, scheme.bed)
+        reused = factor is not None and factor.is_of(clamp, scheme.coefficients)
         outcome, iterations, residual, reusable, potential, shifted = unchecked(solve_chain)(
             side, scheme, ends, start, reused
         )
         if factor is not None:
-            factor.keep(reusable, clamp, scheme.bed)
+            factor.keep(reusable, clamp, scheme.coefficients)
         return ChainStep(
             ChainState(there, pressure_Pa, None if begin is None else motion), gradient, figures,
             OUTCOMES[outcome], iterations, residual, potential, shifted,

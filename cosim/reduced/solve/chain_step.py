@@ -1,6 +1,7 @@
-"""Kernel of an implicit step of a chain of frames, or of its equilibrium, by Newton's method on a small
-tangent. Inertia and damping of a step are the elastic bed of `cosim.soft.solve.state` on the frames' points;
-statics have none. The factor of an earlier tangent may be reused.
+"""Kernel of an implicit step of a chain of frames, or of its equilibrium, by Newton's method.
+
+The tangent is small. Inertia and damping of a step are a quadratic term on the frames' points, see
+`cosim.soft.solve.step_prediction`; statics have none. The factor of an earlier tangent may be reused.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from cosim.base.kernels import copy, device_function, kernel, small_matrix, smal
 from cosim.reduced.sections import assembly, chain_shape, figures
 from cosim.reduced.sections.chain_arrays import ChainWork, InertiaTerm, LoadedChain
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.step_begin import BedNumbers, fill_bed
+from cosim.soft.solve.step_prediction import StepCoefficients, fill_inertia_target
 
 CONVERGED, LIMIT, NOT_FINITE, INDEFINITE, NO_DESCENT, GOES_ON = range(6)
 OUTCOMES: Final = (
@@ -115,19 +116,19 @@ class ChainSide(NamedTuple):
 
 
 class ChainScheme(NamedTuple):
-    """How a solution is found.
+    """Scheme and bounds of a solution.
 
     Args:
         h: length of a step [s].
-        bed: numbers of the bed that inertia and damping are.
-        inertia: its coefficient over the mass [1/s^2]; 0 for an equilibrium, which has neither step nor bed.
+        coefficients: of the step.
+        inertia: stiffness of the inertia term over the mass [1/s^2]; 0 for an equilibrium.
         tolerance_N: residual at which it is done.
         lever_m: by which moments are divided.
         iterations_max: linear solves.
     """
 
     h: float
-    bed: BedNumbers
+    coefficients: StepCoefficients
     inertia: float
     tolerance_N: float
     lever_m: float
@@ -136,7 +137,7 @@ class ChainScheme(NamedTuple):
     @classmethod
     def of_statics(cls, tolerance_N: float, lever_m: float, iterations_max: int) -> "ChainScheme":
         """Return that of equilibria."""
-        return cls(0.0, BedNumbers(False, 1.0, 0.0, 0.0), 0.0, tolerance_N, lever_m, iterations_max)
+        return cls(0.0, StepCoefficients(False, 1.0, 0.0, 0.0), 0.0, tolerance_N, lever_m, iterations_max)
 
 
 class ChainEnds(NamedTuple):
@@ -200,7 +201,7 @@ def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -
 
 @device_function
 def _minimise(
-    side: ChainSide, scheme: ChainScheme, bed: InertiaTerm, ends: ChainEnds, reused: bool
+    side: ChainSide, scheme: ChainScheme, coefficients: InertiaTerm, ends: ChainEnds, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
     """Find the minimum of the potential near the frames at the end, which are moved there.
 
@@ -213,7 +214,7 @@ def _minimise(
     # numba would compile all anew for a literal
     renew, judged, old, definite, outcome = not reused, iterations > 0, reused, reused, GOES_ON
     while outcome == GOES_ON:
-        value = assembly.assemble(work.trial, side.chain, bed, gradient, work, renew)
+        value = assembly.assemble(work.trial, side.chain, coefficients, gradient, work, renew)
         before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
         # a step is accepted that has lowered the potential as it should, or the residual by far
         most = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
@@ -301,7 +302,7 @@ def _fill_carried(before: Blocks, after: Blocks, held: int, moved: Blocks) -> No
 
 
 @device_function
-def _follow_flange(side: ChainSide, ends: ChainEnds, bed: BedNumbers) -> None:
+def _follow_flange(side: ChainSide, ends: ChainEnds, coefficients: StepCoefficients) -> None:
     """Fill `along` in the workspace with the velocity of points that would go along with the flange.
 
     It is (X - a) / s with X and a made in the same way from carried points and from points.
@@ -313,15 +314,15 @@ def _follow_flange(side: ChainSide, ends: ChainEnds, bed: BedNumbers) -> None:
     if held == side.free.shape[0]:
         return
     _fill_carried(ends.here[0], ends.there[0], held, one)
-    if bed.two_steps:
+    if coefficients.two_steps:
         _fill_carried(ends.earlier[0], ends.there[0], held, two)
     points = 4 * along.shape[0], 3
     moved, before = one.reshape(points), two.reshape(points)
-    fill_bed(moved, moved, before, before, moved, bed, along.reshape(points), moved)
+    fill_inertia_target(moved, moved, before, before, moved, coefficients, along.reshape(points), moved)
     for f in range(along.shape[0]):
         for a in range(4):
             for r in range(3):
-                along[f, a, r] /= bed.span
+                along[f, a, r] /= coefficients.span
 
 
 @device_function
@@ -362,23 +363,23 @@ def solve_chain(
         potential [J], iterations that met an indefinite tangent.
     """
     here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
-    bed, work, steps = scheme.bed, side.work, scheme.inertia > 0.0
+    coefficients, work, steps = scheme.coefficients, side.work, scheme.inertia > 0.0
     if steps:
         _start(side, ends, scheme.h, start)
-        if bed.share > 0.0:
-            _follow_flange(side, ends, bed)
+        if coefficients.alpha_s > 0.0:
+            _follow_flange(side, ends, coefficients)
         points = 4 * base.shape[0], 3
-        fill_bed(
+        fill_inertia_target(
             here[0].reshape(points), here[1].reshape(points), earlier[0].reshape(points),
-            earlier[1].reshape(points), work.along.reshape(points), bed, base.reshape(points),
+            earlier[1].reshape(points), work.along.reshape(points), coefficients, base.reshape(points),
             work.target.reshape(points),
         )  # fmt: skip
     found = _minimise(side, scheme, InertiaTerm(scheme.inertia, work.target), ends, reused)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
-                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / bed.span if steps else 0.0
+                base[f, a, r] = (frames[f, a, r] - base[f, a, r]) / coefficients.span if steps else 0.0
     figures.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
-    if steps and bed.share > 0.0:
-        _add_damping(side, ends, bed.share / bed.span)
+    if steps and coefficients.alpha_s > 0.0:
+        _add_damping(side, ends, coefficients.alpha_s / coefficients.span)
     return found

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.base.frames import Array, IntArray, Mask, Pose, cross
 from cosim.errors import InputError
 from cosim.reduced.section_model import RingFrames, SectionBody, carried
-from cosim.soft.solve.state import Clamp
+from cosim.soft.solve.clamp import Clamp
 
 
 def twists(frames: Array, rates: Array) -> Array:

@@ -10,17 +10,17 @@ from cosim.reduced.sections.figures import CENTER, FIGURES, figures_of
 from cosim.reduced.solve.commanded_cables import commanded, with_tensions
 from cosim.reduced.solve.stability import PROBE_Pa, RestingChain
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
-from cosim.soft.solve.step_begin import BedNumbers
+from cosim.soft.solve.step_prediction import StepCoefficients
 
 _MOTION_PROBE: Final = 1e-5  # of a motion, for centre and inertia
 
 
-def linear_step(chain: RestingChain, bed: BedNumbers) -> LinearStep:
+def linear_step(chain: RestingChain, coefficients: StepCoefficients) -> LinearStep:
     """Return a step of a chain.
 
     Args:
         chain: at rest.
-        bed: numbers of inertia and losses in it.
+        coefficients: numbers of inertia and losses in it.
     """
     names, slopes = _by_loads(chain)
     size = 6 * len(chain.frames)
@@ -32,7 +32,7 @@ def linear_step(chain: RestingChain, bed: BedNumbers) -> LinearStep:
         chain.tangent, chain.mass, np.zeros((size, size)), _carried(chain.frames), slopes,
         np.repeat(chain.clamp.held, 6), supplied, _moments(chain), names, _tip(chain, names), chain.motion,
     )  # fmt: skip
-    return body.linear_step(bed)
+    return body.linear_step(coefficients)
 
 
 def _carried(frames: Array) -> Array:

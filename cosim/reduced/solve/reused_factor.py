@@ -7,7 +7,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.reduced.sections.chain_arrays import ChainWork
-from cosim.soft.solve.step_begin import BedNumbers
+from cosim.soft.solve.step_prediction import StepCoefficients
 
 
 @final
@@ -19,7 +19,7 @@ class SavedFactor:
         low: (f, 6, 6), diagonal blocks of the Cholesky factor.
         side: (f, 6, 6), off-diagonal blocks.
         two_steps: whether its step is one of a two-step scheme.
-        span_s: span of its step, see `BedNumbers`.
+        span_s: span of its step, see `StepCoefficients`.
     """
 
     low: Annotated[Array, ("frames", 6, 6)]
@@ -40,14 +40,19 @@ class ReusedFactor:
         self.work = work._replace(low=np.zeros_like(work.low), side=np.zeros_like(work.side))
         self._of: tuple[object, bool, float] | None = None
 
-    def is_of(self, clamp: object, bed: BedNumbers) -> bool:
+    def is_of(self, clamp: object, coefficients: StepCoefficients) -> bool:
         """Return whether a step with this clamp and scheme can reuse the factor."""
         step = self._of
-        return step is not None and step[0] is clamp and step[1] == bed.two_steps and step[2] == bed.span
+        return (
+            step is not None
+            and step[0] is clamp
+            and step[1] == coefficients.two_steps
+            and step[2] == coefficients.span
+        )
 
-    def keep(self, reusable: bool, clamp: object, bed: BedNumbers) -> None:
+    def keep(self, reusable: bool, clamp: object, coefficients: StepCoefficients) -> None:
         """Set the last step that made or used the factor, and whether the next step may reuse it."""
-        self._of = (clamp, bed.two_steps, bed.span) if reusable else None
+        self._of = (clamp, coefficients.two_steps, coefficients.span) if reusable else None
 
     def save_state(self, clamp: object) -> SavedFactor | None:
         """Return the factor for a clamp; None if none was made."""

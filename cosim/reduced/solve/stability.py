@@ -19,13 +19,13 @@ from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import branching
+from cosim.soft.solve.branching import LowestMode
 from cosim.soft.solve.stability import (
-    LowestMode,
-    driven,
-    margin_by,
+    is_driven,
+    load_margin,
     natural_frequencies,
     nodal_loads,
-    tip_motion,
+    tip_displacement,
 )
 
 Slope = TypeVar("Slope", float, Array)
@@ -161,13 +161,15 @@ class RestingChain:
             stiffness.append(float(mode @ there._matrix @ mode))
         fall = (stiffness[0] - stiffness[1]) / (2.0 * _STEP)
         mass = self.mass[np.ix_(self._free, self._free)]
-        pushed = driven(*(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer))))
+        pushed = is_driven(
+            *(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer)))
+        )
         most = min(branching.MODES, len(mass)) - 1
         values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
         modes = natural_frequencies(values.tolist())
         return branching.StabilityReport(
-            modes[0], tip_motion(np.arange(len(tip)), answers),
-            *margin_by(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
+            modes[0], tip_displacement(np.arange(len(tip)), answers),
+            *load_margin(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
         )  # fmt: skip
 
     @cached_property

@@ -12,8 +12,9 @@ from cosim.reduced.solve.commanded_cables import solve_loaded
 from cosim.reduced.solve.reused_factor import ReusedFactor
 from cosim.reduced.solve.working_range import INSTEAD, check_pressure, place_in_range
 from cosim.soft.body.loads import Loads
+from cosim.soft.solve.clamp import flange_axes
 from cosim.soft.solve.newton_options import Outcome
-from cosim.soft.solve.state import StepAccuracy, StepOptions, flange_axes, inertia_weight
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions, inertia_weight
 
 _STARTS = FREE_FLIGHT, STANDING, CARRIED
 """Free flight is the best start, unless it leaves the range of the model."""
@@ -37,10 +38,10 @@ class ChainStepper:
         """Return how a step of some length [s] is solved; `first`: without a step before it."""
         known = self._schemes.get((step_s, first))
         if known is None:
-            options, bed = self._options, self._options.bed(step_s, first=first)
-            inertia = inertia_weight(bed.span, options.losses_per_s)
+            options, coefficients = self._options, self._options.coefficients(step_s, first=first)
+            inertia = inertia_weight(coefficients.span, options.losses_per_s)
             limits = options.tolerance_N, self._solver.lever_m, options.newton.iterations_max
-            known = self._schemes[step_s, first] = ChainScheme(step_s, bed, inertia, *limits)
+            known = self._schemes[step_s, first] = ChainScheme(step_s, coefficients, inertia, *limits)
         return known
 
     def task(

@@ -1,4 +1,4 @@
-"""How a point presses and drags on a surface: penalty pressure and Coulomb friction with a stick spring.
+"""The contact law of a point on a surface: penalty pressure, and Coulomb friction with a stick spring.
 
 With the depth s = width / 2 - d, d the distance from the surface, and the stiffness k the energy is
 
@@ -10,8 +10,8 @@ twice continuously differentiable; deep in contact the pressure is the stiffness
 Friction: u = (1 - n n^T)(y - anchor), energy F f0(|u|), f0' = f1 = 2 z - z^2 for z = |u| / stick < 1 and 1
 beyond, F = friction coefficient x normal force of the last step.
 A glued point is held in every direction: energy k |y - anchor|^2 / 2.
-All contacts call these leaves, of film with scene, of film with film, of chains of frames. So another law is
-another `press` or `drag`.
+All contacts call these functions (film with scene, film with film, chains of frames), so another law needs
+only another `press` or `drag`.
 Source: the smooth friction mollifier of Li et al., Incremental Potential Contact, ACM TOG 39 (2020) 49,
 here on the distance from an anchor instead of the displacement in a step.
 """
@@ -27,16 +27,16 @@ from cosim.base.kernels import device_function, small_vector
 from cosim.errors import InputError
 
 GLUED: Final = -1.0
-"""The friction by which a glued point is known."""
+"""Value of the friction that marks a glued point."""
 ONSET: Final = 0.5
-"""How many widths before the surface a point begins to press."""
-_APART: Final = 1e-3  # of the transition, nearer than films are drawn: rounding does not let them press
+"""Distance from the surface, in widths, at which a point begins to press."""
+_APART: Final = 1e-3  # fraction of the width added to spare distances, so that rounding causes no pressure
 
 
 @final
 @dataclass(frozen=True)
 class ContactLaw:
-    """How film and obstacle press on each other.
+    """Parameters of the contact law.
 
     Args:
         stiffness_N_m3: pressure per depth; 30 kPa of gas sink in by 0.1 mm at the default.
@@ -68,9 +68,9 @@ class ContactLaw:
 
 
 def spare(drawn_m: Array, law: ContactLaw) -> Array:
-    """Return what is added to the distance of surfaces, so that they do not press where they are drawn.
+    """Return the spare distances (k,) [m], added to distances so that surfaces do not press as drawn.
 
-    They press from half of the distance (k,) [m] at which they are drawn, or where the law begins.
+    They begin to press at half of their drawn distance (k,) [m], or at the onset of the law if that is less.
     """
     half_m, onset_m = 0.5 * np.maximum(drawn_m, 0.0) + np.minimum(drawn_m, 0.0), law.onset_m
     begin = np.minimum(half_m, onset_m)
@@ -79,7 +79,7 @@ def spare(drawn_m: Array, law: ContactLaw) -> Array:
 
 @device_function
 def depth_of(distance: float, width: float) -> float:
-    """Return how deep a point is in what it presses on, by its distance from the surface."""
+    """Return the depth of a point, measured from the onset of contact, by its distance from the surface."""
     return ONSET * width - distance
 
 
@@ -106,10 +106,10 @@ def drag(length: float, stick: float) -> tuple[float, float, float]:
 
 @device_function
 def shorten(u: Vector, n: Vector, stick: float) -> None:
-    """Leave of the stretch of a stick spring what a step leaves: its part across n, at most `stick` long."""
-    kept = min(1.0, stick / max(np.sqrt(_flatten(u, n)), 1e-300))
+    """Reduce the stretch of a stick spring after a step: its part across n, at most `stick` long."""
+    scale = min(1.0, stick / max(np.sqrt(_flatten(u, n)), 1e-300))
     for r in range(3):
-        u[r] *= kept
+        u[r] *= scale
 
 
 @device_function
@@ -117,11 +117,11 @@ def rub(u: Vector, n: Vector, limit: float, stick: float, own: Vector, tangent: 
     """Add gradient (3,) and tangent (3, 3) of a stick spring by its stretch u; return its energy.
 
     Args:
-        u: (3,) [m], stretch; its part along n is taken away.
+        u: (3,) [m], stretch; its part along n is removed.
         n: (3,), normal.
         limit: largest friction force [N].
-        stick: where that acts [m].
-        own: (3,) [N], added to.
+        stick: stretch at which that acts [m].
+        own: (3,) [N], gradient, added to.
         tangent: (3, 3) [N/m], added to.
     """
     square = _flatten(u, n)
@@ -137,7 +137,7 @@ def rub(u: Vector, n: Vector, limit: float, stick: float, own: Vector, tangent: 
 
 @device_function
 def _flatten(u: Vector, n: Vector) -> float:
-    """Take the part along n away from u; return the square of what is left."""
+    """Remove the part of u along n; return the square of the rest."""
     along, square = 0.0, 0.0
     for r in range(3):
         along += n[r] * u[r]
@@ -169,7 +169,7 @@ def touch(
         friction: largest friction force [N], or `GLUED`.
         anchor: (3,) [m], of the stick spring.
         widths: (2,) [m], see `ContactLaw.widths`.
-        own: (3,) [N], filled.
+        own: (3,) [N], gradient, filled.
         tangent: (3, 3) [N/m], filled.
     """
     u, distance = small_vector(3), -offset

@@ -1,8 +1,8 @@
-"""Where a film can be touched: nodes, edge midpoints and centroids, each standing for a share of its area.
+"""Contact points of a film: nodes, edge midpoints and centroids, each with a tributary area.
 
-The shares are those of the rule that integrates cubics over a triangle: 1/20 of its area at each corner,
-2/15 at each edge midpoint, 9/20 at the centroid. So the contact pressure of a film on an obstacle converges
-with the mesh. Source: Abramowitz and Stegun, Handbook of Mathematical Functions, table 25.4.62.
+The areas are those of the rule that integrates cubics over a triangle: 1/20 of its area at each corner, 2/15
+at each edge midpoint, 9/20 at the centroid. So the contact pressure of a film on an obstacle converges with
+the mesh. Source: Abramowitz and Stegun, Handbook of Mathematical Functions, table 25.4.62.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Extent:
 
     @classmethod
     def of(cls, positions: Array, velocities: Array) -> "Extent":
-        """Return that of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
+        """Return the bounds of nodes at positions (n, 3) [m] with velocities (n, 3) [m/s]."""
         low, high = np.empty(3), np.empty(3)
         return cls(low, high, _span(positions, velocities, low, high))
 
@@ -76,10 +76,10 @@ class ContactSurface:
     """Contact points of a body: nodes, then edge midpoints, then centroids.
 
     Args:
-        nodes: (p, 3) that each point combines.
-        weights: (p, 3).
-        slots: (p, 6) places of the node pairs in the sparsity pattern.
-        area: (p,) [m^2], share of the film's area.
+        nodes: (p, 3), nodes of each point's triangle.
+        weights: (p, 3), barycentric.
+        slots: (p, 6) indices of the node pairs in the sparsity pattern.
+        area: (p,) [m^2], tributary area.
         triangles: (m, 3).
         triangle_slots: (m, 6).
     """
@@ -93,7 +93,7 @@ class ContactSurface:
 
     @classmethod
     def of(cls, body: SoftBody, pattern: BlockPattern) -> "ContactSurface":
-        """Return that of a body's film.
+        """Return the contact surface of a body's film.
 
         Args:
             body: its drawn shape gives the areas.
@@ -102,7 +102,7 @@ class ContactSurface:
         triangles = body.triangles
         areas = triangle_area(body.positions, triangles)
         used = np.unique(triangles)
-        edges, place = np.unique(np.sort(directed_edges(triangles), axis=1), axis=0, return_inverse=True)
+        edges, edge = np.unique(np.sort(directed_edges(triangles), axis=1), axis=0, return_inverse=True)
         nodes = np.concatenate(
             [np.repeat(used[:, None], 3, axis=1), np.column_stack([edges, edges[:, 0]]), triangles]
         )
@@ -112,7 +112,7 @@ class ContactSurface:
             axis=0,
         )
         at_nodes = np.bincount(triangles.ravel(), np.repeat(areas, 3), len(body.positions))[used]
-        at_edges = np.bincount(place.ravel(), np.repeat(areas, 3), len(edges))
+        at_edges = np.bincount(edge.ravel(), np.repeat(areas, 3), len(edges))
         area = np.concatenate([_CORNER * at_nodes, _MIDPOINT * at_edges, _CENTROID * areas])
         nodes = np.ascontiguousarray(nodes)
         return cls(
@@ -125,10 +125,10 @@ class ContactSurface:
         )
 
     def check_planes(self, planes: obstacle_contact.ContactPlanes) -> None:
-        """Check that saved contacts name nodes and pairs of nodes of this surface.
+        """Check that saved contacts have nodes and node pairs of this surface.
 
         Raises:
-            InputError: one does not.
+            InputError: one has not.
         """
         check_indices(planes.nodes, int(self.nodes.max()) + 1, "nodes")
         pairs = int(max(_pair(self.slots).max(), _pair(self.triangle_slots).max())) + 1
@@ -144,10 +144,10 @@ class ContactSurface:
         return out
 
     def fill_points(self, positions: Array, chosen: IntArray, out: Array) -> None:
-        """Fill chosen ones (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
+        """Fill the chosen (k,) of the contact points (p, 3) [m] at node positions (n, 3) [m]."""
         _combine(positions, self.nodes, self.weights, chosen, out)
 
 
 def _pair(slots: IntArray) -> IntArray:
-    """Return the places of node pairs in the pattern, whichever of the two nodes comes first."""
+    """Return the indices of node pairs in the pattern, for either order of the two nodes."""
     return np.where(slots < 0, ~slots, slots)

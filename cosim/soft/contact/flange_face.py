@@ -1,10 +1,9 @@
-"""The flange's face: planes that films and frames of the first unit do not pass.
+"""The flange's face: a plane in each ring of the base, which films and frames of the first unit do not pass.
 
-Each ring of the base lies in a plane that three of its nodes carry: what presses on the face presses on
-these, so that the flange feels it. The face is a tenth wider than the unit that begins there is drawn.
-Points of films that hang on the ring meet it, if these are drawn along the plane and on one side of it: of a
-sheet or a tube that stands on its base no face behind it is known. A frame that rests on others rests on the
-face as well, at half of their distance.
+Three nodes of the ring carry the plane, so that the flange feels the forces on it. The face is a tenth wider
+than the drawn unit that begins there. It is modelled for films at the ring that are drawn along the plane and
+on one side of it; for a sheet or a tube that stands on its base, no face behind it is known. A frame that
+rests on other frames rests on the face as well, at half of their distance.
 """
 
 from typing import Any, Final, NamedTuple
@@ -22,17 +21,22 @@ from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints
 from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.geometry.surface import directed_edges
 
-_FLAT: Final = 1e-4  # of a ring's size, out of its plane
-_ALONG: Final = 0.5  # of the film's area, seen along the normal: it lies along the plane
-_LEAST_AREA: Final = 0.05  # of three nodes of a ring, of its size squared: not on a line
+_FLAT: Final = 1e-4  # largest distance from a plane, over the size
+_ALONG: Final = 0.5  # least projected area of a film along the plane, over its area
+_LEAST_AREA: Final = (
+    0.05  # of a triangle of ring nodes, over the size squared, so that they are not on a line
+)
+_WHOLE: Final = np.array([1.0, 0.0, 0.0])
+_WIDER: Final = 1.1  # radius of the face over that of the unit
+_HARDER: Final = 2.0  # stiffness relative to a film, which yields as much as the film that presses on it
 
 
 class FlangeFace(NamedTuple):
-    """Contact points before the flange's face, and the face before each.
+    """Contact points in front of the flange's face, and the face of each.
 
     Args:
-        nodes: (b, 3) that each point combines.
-        weights: (b, 3).
+        nodes: (b, 3), nodes of each point's triangle.
+        weights: (b, 3), barycentric.
         stiffness: (b,) [N/m].
         spare: (b,) [m], see `contact_law.spare`.
         corners: (b, 3) nodes of the base that carry the face, whose normal points towards the film.
@@ -50,7 +54,7 @@ class FlangeFace(NamedTuple):
 
     @classmethod
     def of(cls, body: SoftBody, faces: FilmFaces, points: FilmPoints, law: ContactLaw) -> "FlangeFace":
-        """Return that of a body, as drawn."""
+        """Return the faces of a body, as drawn."""
         none = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
         parts: list[tuple[Any, ...]] = [(*none, none[0], none[1], np.zeros(0))]
         for ring in _rings(body):
@@ -59,7 +63,7 @@ class FlangeFace(NamedTuple):
 
 
 def _rings(body: SoftBody) -> list[IntArray]:
-    """Return the nodes of the base, in groups that edges of the film join."""
+    """Return the rings of the base: groups of its nodes that edges of the film connect."""
     edges = directed_edges(body.triangles)
     edges = edges[np.isin(edges, body.base).all(axis=1)]
     part = components(body.nodes, edges)[body.base]
@@ -69,7 +73,7 @@ def _rings(body: SoftBody) -> list[IntArray]:
 def _before(
     body: SoftBody, faces: FilmFaces, points: FilmPoints, ring: IntArray, law: ContactLaw
 ) -> list[tuple[Any, ...]]:
-    """Return the rows of `FlangeFace` of one ring of the base; none where nothing can lie on its plane."""
+    """Return the rows of `FlangeFace` of one ring of the base; empty if no film lies along its plane."""
     x, corners = body.positions, _corners(body.positions, ring)
     if corners is None:
         return []
@@ -81,8 +85,8 @@ def _before(
     chosen = np.flatnonzero(np.isin(points.home[:, 0], own) & free)
     if not len(chosen):
         return []
-    place = (points.weights[chosen, :, None] * x[points.nodes[chosen]]).sum(axis=1)
-    gap, size = (place - a) @ normal, float(np.ptp(place, axis=0).max())
+    position = (points.weights[chosen, :, None] * x[points.nodes[chosen]]).sum(axis=1)
+    gap, size = (position - a) @ normal, float(np.ptp(position, axis=0).max())
     if max(np.ptp(x[ring] @ normal), min(gap.max(), -gap.min())) > _FLAT * size:
         return []
     i, j, k = body.triangles[np.isin(faces.face, own)].T
@@ -113,7 +117,7 @@ def _before(
 
 
 def _frame(body: SoftBody, unit: IntArray, normal: Array) -> tuple[Any, ...]:
-    """Return nodes, weights, stiffness and spare of the frame of a unit that rests on others."""
+    """Return nodes, weights, stiffness and spare distance of a unit's frame that rests on other frames."""
     none: tuple[Any, ...] = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     found = [[column] for column in none]
     for stops in body.of_kind(FrameStops):
@@ -128,13 +132,8 @@ def _frame(body: SoftBody, unit: IntArray, normal: Array) -> tuple[Any, ...]:
     return tuple(np.concatenate(column) for column in found)
 
 
-_WHOLE: Final = np.array([1.0, 0.0, 0.0])
-_WIDER: Final = 1.1  # than the unit
-_HARDER: Final = 2.0  # than another film, which gives as much as the one that presses on it
-
-
 def _corners(x: Array, ring: IntArray) -> IntArray | None:
-    """Return three nodes of a ring that are far from one another; None where it is a line."""
+    """Return three nodes of a ring that are far from one another; None if all are on a line."""
     if len(ring) < 3:
         return None
     first = ring[np.linalg.norm(x[ring] - x[ring].mean(axis=0), axis=1).argmax()]
@@ -148,14 +147,14 @@ def _corners(x: Array, ring: IntArray) -> IntArray | None:
 
 @kernel
 def fill_before_face(x: Matrix, face: FlangeFace, reach: float, behind: float, out: Indices) -> int:
-    """Fill the points that are in front of the face within reach, or behind it; return how many.
+    """Fill the indices of points near the face, in front or behind; return their number.
 
     Args:
         x: (n, 3) [m].
         face: of the flange.
         reach: largest distance in front of it [m].
         behind: the same behind it [m].
-        out: filled, as far as there is room.
+        out: filled up to its size.
     """
     y, n, count = small_vector(3), small_vector(3), 0
     for b in range(face.nodes.shape[0]):

@@ -1,11 +1,12 @@
 """Contact of film points with obstacle surfaces: a force at each point, by the contact law, on its nodes.
 
 A contact point y = sum_a w_a x_a is a fixed combination of the nodes of one triangle. For one time step the
-obstacle's surface near it is its tangent plane, d = n . y - c (the nearest surface point of a curved obstacle
-is found again at every step; the error within a step is (tangential displacement)^2 / (2 radius)). Its
-stiffness is k = (stiffness per area) x (tributary area). The anchor of its stick spring rides on the obstacle
-and is dragged along once |u| exceeds `stick`, so a load below the limit is held without creep.
-Each solution evaluates the law last at its end: forces on bodies, work, report and stiffness are read there.
+obstacle's surface near it is replaced by its tangent plane, d = n . y - c (the nearest surface point is
+updated at every step; on a curved obstacle the error within a step is (tangential displacement)^2 / (2
+radius)). Its stiffness is k = (stiffness per area) x (tributary area). The anchor of its stick spring moves
+with the obstacle, and follows the point once |u| exceeds `stick`, so a load below the limit is held without
+creep. The last evaluation of the law in a solution is at its end: forces on bodies, work, report and
+stiffness are read from it.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -29,24 +30,24 @@ class ContactPlanes(NamedTuple):
     Args:
         nodes: (k, 3) of each contact point's triangle; unused entries have weight 0.
         weights: (k, 3).
-        slots: (k, 6) places of the node pairs in the body's sparsity pattern.
+        slots: (k, 6) indices of the node pairs in the body's sparsity pattern.
         normal: (k, 3), unit, out of the obstacle.
         offset: (k,) [m], n . y - offset is the distance.
         stiffness: (k,) [N/m].
         friction: (k,) [N], largest friction force; `GLUED`: a spring holds the point in every direction.
-        anchor: (k, 3) [m], world, where the stick springs are tied.
+        anchor: (k, 3) [m], world, of the stick springs.
         widths: (2,) [m], see `ContactLaw.widths`.
         body: (k,) index of the touched body.
-        shape: (k,) that is touched; -1 for glue.
-        key: (k,) names the pair of contact point and shape; first points of the film, then features.
-        carrier: (k, 3) [m], world: the shape's origin; of a feature: where it is.
-        triangle: (k,) of the film, that a feature is near; -1 for points of the film.
-        approach: (k,) [m/s], at which body and film came on to each other before the step.
-        point: (k, 3) [m], world, contact points at which the law was evaluated last; not a number before.
-        gradient: (k, 3) [N], of the energy by the point there: force on what is touched, world axes.
+        shape: (k,) index of the touched shape; -1 for glue.
+        key: (k,) identifies the pair of contact point and shape; first points of the film, then features.
+        carrier: (k, 3) [m], world: origin of the shape, or position of the feature.
+        triangle: (k,) of the film, near a feature; -1 for points of the film.
+        approach: (k,) [m/s], speed of approach of body and film before the step.
+        point: (k, 3) [m], world, contact points of the last evaluation; NaN before the first.
+        gradient: (k, 3) [N], derivative of the energy there by the point: force on the body, world axes.
         normal_force: (k,) [N], there.
         distance: (k,) [m], from the tangent plane there, negative inside.
-        tangent: (k, 3, 3) [N/m], derivative of the gradient by the point there.
+        tangent: (k, 3, 3) [N/m], derivative of the gradient there by the point.
     """
 
     nodes: Annotated[IntArray, ("k", 3), INDEX_TABLE]
@@ -71,8 +72,8 @@ class ContactPlanes(NamedTuple):
     tangent: Annotated[Array, ("k", 3, 3), BLOCKS]
 
     @classmethod
-    def room(cls, count: int, law: ContactLaw) -> "ContactPlanes":
-        """Return room for so many contacts by a law, of glue."""
+    def empty(cls, count: int, law: ContactLaw) -> "ContactPlanes":
+        """Return allocated arrays for `count` contacts by a law; glue until filled."""
         nodes, slots = np.zeros((count, 3), np.int64), np.zeros((count, 6), np.int64)
         weights, normal, anchor, carrier = np.zeros((4, count, 3))
         offset, stiffness, friction, approach = np.zeros((4, count))
@@ -83,23 +84,23 @@ class ContactPlanes(NamedTuple):
         )  # fmt: skip
 
     def changed(self, **arrays: Array) -> "ContactPlanes":
-        """Return the contacts with other arrays of these names, where the law is still to be evaluated."""
+        """Return the contacts with other arrays of these names, without an evaluation of the law."""
         point, gradient, normal_force, distance, tangent = _results(len(self.nodes))
-        fresh: dict[str, Any] = {"point": point, "gradient": gradient, "tangent": tangent, **arrays}
-        return self._replace(normal_force=normal_force, distance=distance, **fresh)
+        results: dict[str, Any] = {"point": point, "gradient": gradient, "tangent": tangent, **arrays}
+        return self._replace(normal_force=normal_force, distance=distance, **results)
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian at positions (n, 3) [m]; return the energy [J]."""
+        """Add the gradient and, on request, the Hessian at positions (n, 3) [m]; return the energy [J]."""
         blocks = sums.blocks if hessian else _NO_BLOCKS
         return float(add_contacts(positions, self, sums.gradient, blocks))
 
     def at(self, positions: Array) -> "ContactPlanes":
-        """Return the contacts with the law evaluated at positions (n, 3) [m], unless it was there last."""
+        """Return the contacts with the law evaluated at positions (n, 3) [m], if not done there last."""
         evaluate(positions, self)
         return self
 
     def sticking(self, friction: Array) -> "ContactPlanes":
-        """Return the contacts as they answer a small motion from rest: stick springs slack, friction present.
+        """Return the contacts for a small motion from rest: with slack stick springs and given friction.
 
         Args:
             friction: (k,) [N], largest friction force.
@@ -108,28 +109,28 @@ class ContactPlanes(NamedTuple):
 
     @property
     def force(self) -> Array:
-        """(k, 3) [N], on the film, world axes, where the law was evaluated last."""
+        """(k, 3) [N], on the film, world axes, at the last evaluation."""
         return -self.gradient
 
     @property
     def glued(self) -> Mask:
-        """(k,), which of them are glued."""
+        """(k,), which contacts are glued."""
         return np.asarray(self.friction == GLUED)
 
     @property
     def pressing(self) -> int:
-        """How many points press."""
+        """Number of points that press."""
         return int((self.normal_force > 0.0).sum())
 
     @property
     def depth_m(self) -> float:
-        """Of the deepest of them [m]; 0 if none presses, negative while none has sunk in."""
+        """Depth of the deepest pressing point [m]; 0 if none presses, negative before penetration."""
         pressing = self.normal_force > 0.0
         return -float(self.distance[pressing].min()) if pressing.any() else 0.0
 
 
 def _results(count: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Return room for what the law says of so many points, without any point yet."""
+    """Return allocated arrays for results of the law at `count` points, with points NaN."""
     normal_force, distance = np.zeros((2, count))
     return np.full((count, 3), np.nan), np.zeros((count, 3)), normal_force, distance, np.zeros((count, 3, 3))
 
@@ -146,7 +147,7 @@ def _evaluate(planes: ContactPlanes, e: int) -> float:
 
 @device_function
 def evaluate_again(x: Matrix, planes: ContactPlanes, e: int) -> bool:
-    """Evaluate the law of a contact at nodes x (n, 3) [m]; return False where that was done last."""
+    """Evaluate the law of a contact at nodes x (n, 3) [m]; return False if its last evaluation was there."""
     y, point = small_vector(3), planes.point[e]
     fill_point(x, planes.nodes[e], planes.weights[e], y)
     if point[0] == y[0] and point[1] == y[1] and point[2] == y[2]:
@@ -159,7 +160,7 @@ def evaluate_again(x: Matrix, planes: ContactPlanes, e: int) -> bool:
 
 @kernel
 def evaluate(x: Matrix, planes: ContactPlanes) -> int:
-    """Evaluate the law of all contacts at nodes x (n, 3) [m], unless it was there last; return how many."""
+    """Evaluate the law of all contacts at nodes x (n, 3) [m]; return the number of new evaluations."""
     count = 0
     for e in range(planes.nodes.shape[0]):
         count += evaluate_again(x, planes, e)
@@ -172,7 +173,7 @@ def add_contacts(x: Matrix, planes: ContactPlanes, gradient: Matrix, blocks: Blo
 
     Args:
         x: (n, 3) [m], of the nodes.
-        planes: k contacts, which keep what the law says there.
+        planes: k contacts, whose results are overwritten.
         gradient: (n, 3) [N], added to.
         blocks: (b, 3, 3) [N/m], added to; (0, 3, 3) for the gradient alone.
     """

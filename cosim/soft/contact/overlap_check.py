@@ -1,8 +1,8 @@
-"""Looks at whether films whose contact is not modelled have passed through one another.
+"""Check whether films without modelled contact have passed through one another.
 
-A look knows of nothing before it: shapes are far apart. Which triangles a point is above, it finds by boxes
-around these and what is above them, on both sides. By boxes around all that is as near in any direction, as
-steps find it, a mesh refined twice would have many times as many.
+Checks are far apart in time, so they use no neighbour lists. The triangles that a point may be above or below
+are found by boxes around each triangle, extended along its normal on both sides. Boxes that extend in all
+directions, as in time steps, would find many times more in a mesh that is refined twice.
 """
 
 from typing import Final, final
@@ -20,26 +20,26 @@ from cosim.soft.contact.self_contact_search import BEHIND_M, ShortList, add_asce
 from cosim.soft.contact.triangle_side import measure_side
 from cosim.soft.solve.branching import FilmOverlap
 
-_OVERLAP_M: Final = 1e-4  # beyond what the facets of neighbouring units share as drawn
-_BEHIND_OTHER_M: Final = 20e-3  # no film of a robot lies so near behind itself that this counts it wrongly
+_OVERLAP_M: Final = 1e-4  # more than facets of neighbouring units overlap as drawn
+_BEHIND_OTHER_M: Final = 20e-3  # less than the distance of the film behind
 
 
 @kernel
 def list_all(
     x: Matrix, triangles: IndexTable, place: Indices, first: Indices, listed: Indices, short: ShortList
 ) -> int:
-    """Fill a short list with all that boxes have found, and the sides of all triangles.
+    """Fill a short list with all pairs that boxes have found, and the sides of all triangles.
 
     Args:
         x: (n, 3) [m].
         triangles: (t, 3).
-        place: (p,) of each point in the order of the boxes.
+        place: (p,), index of each point in the order of the boxes.
         first: (p + 1,), see `fill_list`.
-        listed: the same.
+        listed: see `fill_list`.
         short: filled.
 
     Returns:
-        How many points have an entry.
+        Number of points with an entry.
     """
     count, points = 0, 0
     for t in range(triangles.shape[0]):
@@ -57,10 +57,10 @@ def list_all(
 
 @final
 class OverlapCheck:
-    """Looks for films that have passed through one another.
+    """Checks whether the films of a body have passed through one another.
 
     Args:
-        body: of which films.
+        body: to check.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -68,18 +68,18 @@ class OverlapCheck:
         self._search = _BehindSearch(self_contact_faces.FilmFaces.of(body), body.positions, BEHIND_M)
 
     def overlap(self, positions: Array) -> FilmOverlap | None:
-        """Return where films have passed through one another by more than 0.1 mm; None if nowhere.
+        """Return where films overlap by more than 0.1 mm; None if nowhere.
 
         Args:
             positions: (n, 3) [m].
         """
-        found = self._search.deepest(positions)
-        return found and FilmOverlap(found[0], place_of(self._body, positions, found[1]))
+        deepest = self._search.deepest(positions)
+        return deepest and FilmOverlap(deepest[0], place_of(self._body, positions, deepest[1]))
 
 
 @final
 class ArmsOverlapCheck:
-    """Looks for films of two soft robots that have passed through one another.
+    """Checks whether films of two soft robots have passed through one another.
 
     Args:
         one: soft robot.
@@ -92,16 +92,16 @@ class ArmsOverlapCheck:
         self._search = _BehindSearch(faces, np.concatenate((one.positions, other.positions)), _BEHIND_OTHER_M)
 
     def overlap(self, one: Array, other: Array) -> FilmOverlap | None:
-        """Return where films have passed through those of the other by more than 0.1 mm; None if nowhere.
+        """Return where films of both overlap by more than 0.1 mm; None if nowhere.
 
         Args:
             one: (n, 3) [m], nodes of the one.
             other: (m, 3) [m], nodes of the other.
         """
-        found = self._search.deepest(np.concatenate((one, other)))
-        if found is None:
+        deepest = self._search.deepest(np.concatenate((one, other)))
+        if deepest is None:
             return None
-        depth, node = found
+        depth, node = deepest
         place = place_of(self._bodies[0], one, node) if node < len(one) else ""
         return FilmOverlap(depth, place or place_of(self._bodies[1], other, node - len(one)))
 
@@ -123,11 +123,11 @@ class _BehindSearch:
         self._boxes = BoxRows.of(self._rows, drawn)
         self._place = np.argsort(self._boxes.order)
         self._first, self._listed = np.zeros(count + 1, np.int64), np.empty(0, np.int64)
-        self._short = ShortList.room(count, len(faces.triangles))
+        self._short = ShortList.empty(count, len(faces.triangles))
         self._out = np.zeros((2 * count, 2), np.int64)
 
     def _behind(self, x: Array) -> int:
-        """Fill rows (point, triangle) of what lies behind what; return how many."""
+        """Fill rows (point, triangle) of points behind triangles; return their number."""
         rows, bounds = self._rows, (foot_beside(x, self._rows.triangles), self._behind_m)
         while (needed := fill_list(x, rows, self._boxes, bounds, self._first, self._listed)) > len(
             self._listed
@@ -142,7 +142,7 @@ class _BehindSearch:
         return count
 
     def deepest(self, positions: Array) -> tuple[float, int] | None:
-        """Return depth [m] and nearest node of the deepest point; None where none is 0.1 mm deep."""
+        """Return depth [m] and nearest node of the deepest point; None if none is 0.1 mm deep."""
         if not self._can_meet:
             return None
         count = self._behind(positions)
@@ -150,9 +150,9 @@ class _BehindSearch:
             return None
         rows, (point, triangle) = self._rows, self._out[:count].T
         a, b, c = np.moveaxis(positions[rows.triangles[triangle]], 1, 0)
-        place = (rows.weights[point, :, None] * positions[rows.nodes[point]]).sum(axis=1)
+        points = (rows.weights[point, :, None] * positions[rows.nodes[point]]).sum(axis=1)
         normal = np.cross(b - a, c - a)
-        depth = ((a - place) * normal).sum(axis=1) / np.linalg.norm(normal, axis=1)
+        depth = ((a - points) * normal).sum(axis=1) / np.linalg.norm(normal, axis=1)
         deepest = int(np.argmax(depth))
         if depth[deepest] < _OVERLAP_M:
             return None

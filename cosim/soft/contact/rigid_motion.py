@@ -1,6 +1,6 @@
-"""How a group of nodes has moved as a rigid body, in the mean, and by how much its nodes differ from that.
+"""Rigid motion that best fits the motion of a group of nodes, and the deviation of nodes from it.
 
-Any rotation bounds what is left of a motion; taken is the one of least squares.
+Any rotation gives a valid bound of the deviation; the one of least squares is used.
 Source: Kabsch, Acta Cryst. A 32 (1976) 922; by Newton's iteration for the polar factor, Higham, SIAM J. Sci.
 Stat. Comput. 7 (1986) 1160.
 """
@@ -11,12 +11,12 @@ from cosim.base.kernel_types import Indices, Matrix
 from cosim.base.kernels import device_function, kernel, zero_vector
 
 _ITERATIONS_MAX = 30
-_FLAT = 1e-9  # determinant of what is nearly singular: the rotation is not to be told
+_FLAT = 1e-9  # relative determinant below which the rotation is not defined
 
 
 @kernel
 def furthest_from_mean(values: Matrix) -> float:
-    """Return how far from their mean the row of values (n, 3) is that is furthest from it."""
+    """Return the largest distance of a row of values (n, 3) from their mean."""
     mean, most = zero_vector(3), 0.0
     for n in range(values.shape[0]):
         for r in range(3):
@@ -31,7 +31,7 @@ def furthest_from_mean(values: Matrix) -> float:
 
 @device_function
 def _make_rotation(turn: Matrix, minors: Matrix) -> None:
-    """Replace a matrix by the rotation nearest to it, by none where that is not to be told."""
+    """Replace a matrix by the nearest rotation, or by the identity if that is not defined."""
     for _ in range(_ITERATIONS_MAX):
         size, area, determinant, change = 0.0, 0.0, 0.0, 0.0
         for r in range(3):
@@ -59,20 +59,20 @@ def _make_rotation(turn: Matrix, minors: Matrix) -> None:
 def fit_motion(
     x: Matrix, before: Matrix, nodes: Indices, span: tuple[int, int, int], rigid: Matrix, minors: Matrix
 ) -> None:
-    """Fill the means of some nodes, now and before, and the rotation between, see `FilmLists.rigid`.
+    """Fill the means of some nodes, now and before, and the rotation in between, see `Units.rigid`.
 
-    The span says from which on, up to which, and every how many: any rigid motion will do.
+    The span (begin, end, step) selects the nodes: a subset is enough, as any rigid motion is valid.
     """
     begin, end, step = span
     for r in range(2):
         for j in range(3):
             rigid[r, j] = 0.0
-    share = 1.0 / len(range(begin, end, step))
+    weight = 1.0 / len(range(begin, end, step))
     for k in range(begin, end, step):
         n = nodes[k]
         for r in range(3):
-            rigid[0, r] += share * x[n, r]
-            rigid[1, r] += share * before[n, r]
+            rigid[0, r] += weight * x[n, r]
+            rigid[1, r] += weight * before[n, r]
     a, b, c, d, e, f, g, h, i = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(begin, end, step):
         n = nodes[k]
@@ -90,7 +90,7 @@ def fit_motion(
 
 @device_function
 def deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
-    """Return how far some nodes are at most from where a rigid motion takes them."""
+    """Return the largest distance of some nodes from their positions by a rigid motion."""
     most = 0.0
     for k in range(begin, end):
         square, n = 0.0, nodes[k]
@@ -104,7 +104,7 @@ def deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, r
 
 @device_function
 def rigid_difference(one: Matrix, other: Matrix, radius: float) -> float:
-    """Return by how much two rigid motions differ at most within a ball around what the other has moved."""
+    """Return the largest difference of two rigid motions in a ball around the mean of the other's nodes."""
     apart, turned = 0.0, 0.0
     for r in range(3):
         off = other[0, r] - one[0, r]

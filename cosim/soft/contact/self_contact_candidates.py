@@ -1,9 +1,8 @@
-"""Which points of a film may come over which triangles: all pairs that are near one another, by boxes.
+"""Candidates of self-contact: pairs of points and triangles that are near one another, found by boxes.
 
-A point over a triangle by `self_contact_search` is the distance of its foot from it, room at most, and the
-foot is no further from the triangle's bounding box than 2 b e, with e the longest edge and b the weight by
-which a foot may lie beyond an edge. Boxes around some points of a face, and around some triangles of another,
-tell first which can be near.
+A point over a triangle in the sense of `self_contact_search` is at most `room` from its foot, and the foot is
+at most 2 b e from the triangle's bounding box, with e the longest edge and b the weight by which a foot may
+lie beyond an edge. Boxes around groups of points, and around groups of triangles, are compared first.
 """
 
 from itertools import pairwise
@@ -18,7 +17,7 @@ from cosim.soft.contact import triangle_foot
 from cosim.soft.contact.self_contact_faces import FilmFaces, FilmPoints, Relation
 
 BEYOND_EDGES: Final = 0.02
-"""Barycentric weight by which a foot may lie outside of a triangle: none slips through between two."""
+"""Barycentric weight by which a foot may lie outside of a triangle, so that no point falls between two."""
 VALLEY: Final = int(Relation.VALLEY)
 _POINTS_OF_BOX, _TRIANGLES_OF_BOX = 16, 16
 
@@ -27,12 +26,12 @@ class FilmRows(NamedTuple):
     """Points and triangles of a film.
 
     Args:
-        nodes: (p, 3) that each point combines.
-        weights: (p, 3).
+        nodes: (p, 3), nodes of each point's triangle.
+        weights: (p, 3), barycentric.
         homes: (p, 2) face and unit of each point.
-        spare: (p,) [m], added to the distances of each point: where films are drawn nearer than they press.
-        start: (p + 1,), where the triangles around each point begin.
-        around: these.
+        spare: (p,) [m], added to distances of each point, see `contact_law.spare`.
+        start: (p + 1,), start of each point's entries in `around`.
+        around: triangles around the points.
         triangles: (t, 3).
         films: (t, 2), face and unit of each.
         relation: (faces, faces), see `Relation`.
@@ -50,20 +49,20 @@ class FilmRows(NamedTuple):
 
     @classmethod
     def of(cls, faces: FilmFaces, points: FilmPoints) -> "FilmRows":
-        """Return those of a film."""
+        """Return the rows of a film."""
         films = np.column_stack([faces.face, faces.unit])
         point = points.nodes, points.weights, points.home, np.zeros(len(points)), *points.around
         return cls(*point, faces.triangles, films, faces.relation)
 
 
 class BoxRows(NamedTuple):
-    """Boxes around some points, and around some triangles, of a film each of one face.
+    """Groups of points, and of triangles, of a film; each group is of one face and has a box.
 
     Args:
         order: (p,) points, neighbours together.
-        points_from: (a + 1,), where those of each box begin in it.
-        triangle_order: (t,), the same of triangles.
-        triangles_from: (c + 1,), where those of each box begin in it.
+        points_from: (a + 1,), start of each group in `order`.
+        triangle_order: (t,) triangles, neighbours together.
+        triangles_from: (c + 1,), start of each group in `triangle_order`.
     """
 
     order: Indices
@@ -73,9 +72,9 @@ class BoxRows(NamedTuple):
 
     @classmethod
     def of(cls, rows: FilmRows, positions: Array) -> "BoxRows":
-        """Return those of a film, from its drawn nodes (n, 3) [m]."""
-        places = (rows.weights[:, :, None] * positions[rows.nodes]).sum(axis=1)
-        order = _neighbours(rows.homes[:, 0], places)
+        """Return the groups of a film, from its drawn nodes (n, 3) [m]."""
+        points = (rows.weights[:, :, None] * positions[rows.nodes]).sum(axis=1)
+        order = _neighbours(rows.homes[:, 0], points)
         triangle_order = _neighbours(rows.films[:, 0], positions[rows.triangles].mean(axis=1))
         return cls(
             order,
@@ -85,16 +84,16 @@ class BoxRows(NamedTuple):
         )
 
 
-def _neighbours(face: IntArray, places: Array) -> IntArray:
-    """Return the order of places (k, 3) of faces (k,), along a curve of Morton's in each face."""
-    low = places.min(axis=0)
-    cells = ((places - low) * (1023.0 / max(float(np.ptp(places, axis=0).max()), 1e-12))).astype(np.int64)
+def _neighbours(face: IntArray, points: Array) -> IntArray:
+    """Return the order of points (k, 3) of faces (k,) along a Morton curve in each face."""
+    low = points.min(axis=0)
+    cells = ((points - low) * (1023.0 / max(float(np.ptp(points, axis=0).max()), 1e-12))).astype(np.int64)
     bits = (cells[:, :, None] >> np.arange(10)) & 1
     return np.lexsort(((bits << (3 * np.arange(10) + np.arange(3)[:, None])).sum(axis=(1, 2)), face))
 
 
 def _runs(face: IntArray, most: int) -> IntArray:
-    """Return where runs of one face begin (k + 1,), none longer than `most`, and where the last one ends."""
+    """Return the starts (k + 1,) of runs of one face, none longer than `most`, and the end of the last."""
     ends = [0, *(1 + np.flatnonzero(np.diff(face))).tolist(), len(face)]
     return np.array([*(k for a, b in pairwise(ends) for k in range(a, b, most)), len(face)], np.int64)
 
@@ -112,7 +111,7 @@ def _enclose(boxes: Matrix, begin: int, end: int, around: Vector) -> None:
 def square_between(
     boxes: Matrix, k: int, x: float, y: float, z: float, u: float, v: float, w: float
 ) -> float:
-    """Return the squared distance of box k from that between the corners (x, y, z) and (u, v, w)."""
+    """Return the squared distance of box k from the box with corners (x, y, z) and (u, v, w)."""
     along = max(boxes[k, 0] - u, x - boxes[k, 3], 0.0)
     across = max(boxes[k, 1] - v, y - boxes[k, 4], 0.0)
     beyond = max(boxes[k, 2] - w, z - boxes[k, 5], 0.0)
@@ -123,14 +122,14 @@ def square_between(
 def _list_point(
     rows: FilmRows, p: int, near: tuple[Indices, Vector], limit: float, listed: Indices, total: int
 ) -> int:
-    """Add the triangles of a point to the list; return how many entries there are then.
+    """Add the triangles of a point to the list; return the new number of entries.
 
-    Near are their numbers, doubled, and 1 more across a valley; and their squared distances.
+    `near` holds the triangles' indices, doubled, plus 1 across a valley, and their squared distances.
     """
     triangles, squares = near
     for entry in range(triangles.shape[0]):
         t, lists = triangles[entry] >> 1, squares[entry] <= limit
-        if lists and triangles[entry] & 1:  # there a point counts nothing that it hangs on
+        if lists and triangles[entry] & 1:  # a point does not touch triangles of its own nodes
             for a in range(3):
                 for b in range(3):
                     lists &= rows.nodes[p, a] != rows.triangles[t, b]
@@ -150,23 +149,23 @@ def _find_near(
     limit: float,
     near: Indices,
 ) -> int:
-    """Fill the places of triangles that points of a face can meet, in a box `own`; return how many."""
+    """Fill the indices of triangles near a box `own` of a face, which that can meet; return their number."""
     triangles, bundles = around
     corners, found = (own[0], own[1], own[2], own[3], own[4], own[5]), 0
     for k in range(bundles.shape[0]):
         begin, end = boxes.triangles_from[k], boxes.triangles_from[k + 1]
         other = rows.films[boxes.triangle_order[begin], 0]
         if rows.relation[face, other] != 0 and square_between(bundles, k, *corners) <= limit:
-            for place in range(begin, end):
-                if square_between(triangles, place, *corners) <= limit:
-                    near[found] = place
+            for k_triangle in range(begin, end):
+                if square_between(triangles, k_triangle, *corners) <= limit:
+                    near[found] = k_triangle
                     found += 1
     return found
 
 
 @device_function
 def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -> None:
-    """Fill the squared distances of the first boxes from a point: in one loop without branches, for speed."""
+    """Fill the squared distances of the first boxes from a point, in one loop without branches for speed."""
     x, y, z = point[0], point[1], point[2]
     for e in range(count):
         along = max(columns[0, e] - x, x - columns[3, e], 0.0)
@@ -177,14 +176,14 @@ def _fill_squares(columns: Matrix, count: int, point: Vector, squares: Vector) -
 
 @device_function
 def _fill_box(x: Matrix, corners: Indices, above: float, box: Vector) -> None:
-    """Fill the box (6,) around a triangle and what is above it, on both sides."""
+    """Fill the box (6,) around a triangle, extended along its normal to both sides."""
     a, b, c, normal = corners[0], corners[1], corners[2], small_vector(3)
     if above > 0.0:
         triangle_foot.plane_of(x, corners, normal)
     for r in range(3):
         box[r], box[3 + r] = min(x[a, r], x[b, r], x[c, r]), max(x[a, r], x[b, r], x[c, r])
         further = above * abs(normal[r])
-        if further > 0.0:  # of a triangle without an area it is not a number
+        if further > 0.0:  # NaN for a triangle without area
             box[r], box[3 + r] = box[r] - further, box[3 + r] + further
 
 
@@ -192,17 +191,17 @@ def _fill_box(x: Matrix, corners: Indices, above: float, box: Vector) -> None:
 def fill_list(
     x: Matrix, rows: FilmRows, boxes: BoxRows, bounds: tuple[float, float], first: Indices, listed: Indices
 ) -> int:
-    """Fill each point's triangles; return how many there are.
+    """Fill each point's triangles; return their total number.
 
-    What is beyond the room of the list is only counted. Without any room the result is an upper bound.
+    Entries beyond the size of the list are only counted. For an empty list the result is an upper bound.
 
     Args:
         x: (n, 3) [m].
         rows: of the film.
         boxes: of the film.
-        bounds: how far a point may be from the box around a triangle, and how far that box reaches on both
-            sides of the triangle, beyond its edges not [m].
-        first: (p + 1,), where those of each point begin, in the order of its boxes; filled.
+        bounds: largest distance of a point from the box of a triangle, and extension of that box along the
+            normal, on both sides [m].
+        first: (p + 1,), start of each point's triangles, in the order of the boxes; filled.
         listed: filled.
     """
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
@@ -240,7 +239,7 @@ def fill_list(
 
 @kernel
 def foot_beside(x: Matrix, triangles: IndexTable) -> float:
-    """Return how far a foot on a triangle may be from the box around it."""
+    """Return the largest distance of a valid foot on a triangle from its bounding box."""
     longest = 0.0
     for t in range(triangles.shape[0]):
         for k in range(3):

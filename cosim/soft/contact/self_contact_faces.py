@@ -1,12 +1,10 @@
-"""A film as units and faces: its parts between folds, and which of them can meet outside the gas.
+"""Units and faces of a film, which of them can meet outside the gas, and their contact points.
 
-In the drawn shape an edge of the film may be a seam (angle through the gas below 108 degrees: two films
-welded, or the edge of a box) or a valley (above 252 degrees: the hole ring between two units). Cut at the
-valleys, the film falls into units; cut at the seams as well, into faces. A stack of ten units has twenty.
-
-Contact points of a film for contact with itself: those of `contact_surface`, but each face has its own.
-
-So a point on a seam or in a valley has the normal of one film, and touches what lies in front of that film.
+In the drawn shape an edge of the film may be a seam (angle through the gas below 108 degrees: two welded
+films, or the edge of a box) or a valley (above 252 degrees: the hole ring between two units). Cut at the
+valleys, the film separates into units; cut at the seams as well, into faces. A stack of ten units has twenty.
+Contact points are those of `contact_points`, but separate for each face, so that a point on a seam or in a
+valley has the normal of one film, and touches only films in front of that.
 """
 
 import enum
@@ -21,18 +19,19 @@ from cosim.base.frames import Array, IntArray, Mask
 from cosim.soft.body.body import SoftBody
 from cosim.soft.geometry import surface
 
-_SEAM_RAD = 0.6 * np.pi  # away from right angles, which rounding would put on either side
+_SEAM_RAD = 0.6 * np.pi  # not a right angle, which rounding would put on either side
+_CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0  # as in `contact_points`
 
 
 class Relation(enum.IntEnum):
     """How two faces can meet."""
 
     NONE = 0
-    """Of one unit, of neighbours but turned away from each other, or far sides of two units of one stack."""
+    """Of one unit, of neighbours that face away from each other, or far sides of two units of a stack."""
     VALLEY = 1
     """They share a valley: a point always belongs to the nearest triangle that faces it."""
     APART = 2
-    """Of units that share nothing: a point belongs to a triangle only if no other film of it is nearer."""
+    """Of units without a common node: a point belongs to a triangle only if no film of its unit is nearer."""
 
 
 @final
@@ -56,7 +55,7 @@ class FilmFaces:
 
     @classmethod
     def of(cls, body: SoftBody) -> "FilmFaces":
-        """Return those of a body, by its drawn shape."""
+        """Return the faces of a body, by its drawn shape."""
         triangles = body.triangles
         hinges = surface.interior_hinges(triangles)
         angle = surface.dihedral_angle(body.positions, hinges)
@@ -71,7 +70,7 @@ class FilmFaces:
 
     @classmethod
     def apart(cls, one: "FilmFaces", other: "FilmFaces") -> "FilmFaces":
-        """Return those of two films of which each meets the other, and not itself."""
+        """Return the faces of two films that can meet each other, but not themselves."""
         nodes, faces, units = 1 + int(one.triangles.max()), len(one.unit_of_face), one.units
         first = np.arange(faces + len(other.unit_of_face)) < faces
         relation = np.where(first[:, None] != first[None, :], Relation.APART, Relation.NONE)
@@ -85,7 +84,7 @@ class FilmFaces:
 
     @property
     def units(self) -> int:
-        """How many units."""
+        """Number of units."""
         return int(self.unit.max()) + 1
 
     @property
@@ -95,7 +94,7 @@ class FilmFaces:
 
     @property
     def seam_nodes(self) -> IntArray:
-        """Nodes on which two faces of a unit hang."""
+        """Nodes shared by two faces of a unit."""
         of_units = np.repeat(self.unit, 3), self.triangles.ravel(), np.repeat(self.face, 3)
         nodes = np.unique(np.stack(of_units, axis=1), axis=0)[:, :2]
         shared, count = np.unique(nodes, axis=0, return_counts=True)
@@ -111,12 +110,12 @@ class FilmFaces:
 
     @property
     def can_meet(self) -> bool:
-        """Whether any two faces can."""
+        """Whether any two faces can meet."""
         return bool(self.relation.any())
 
     @cached_property
     def inside_out(self) -> "FilmFaces":
-        """The faces seen from the gas: each is a unit, which meets the others of its own unit."""
+        """The faces from inside: each is a unit, which can meet the other faces of its outside unit."""
         unit, faces = self.unit_of_face, np.arange(len(self.unit_of_face))
         meet = (unit[:, None] == unit[None, :]) & (faces[:, None] != faces[None, :])
         relation = np.where(meet, Relation.VALLEY, Relation.NONE).astype(np.int64)
@@ -125,14 +124,14 @@ class FilmFaces:
 
 
 def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the different rows, none negative, in ascending order, and which of them each row is."""
+    """Return the unique rows (no negative entries) in ascending order, and the index of each row in them."""
     keys = np.ravel_multi_index(tuple(rows.T), tuple(rows.max(axis=0, initial=0) + 1))
-    _, first, place = np.unique(keys, return_index=True, return_inverse=True)
-    return rows[first], place
+    _, first, index = np.unique(keys, return_index=True, return_inverse=True)
+    return rows[first], index
 
 
 def _welded_flat(triangles: IntArray) -> IntArray:
-    """Return pairs (k, 2) that join all triangles at each edge of a flat weld, where there are four."""
+    """Return pairs (k, 2) that connect all triangles at edges of flat welds, which have four triangles."""
     _, edge, count = np.unique(
         np.sort(surface.directed_edges(triangles), axis=1), axis=0, return_inverse=True, return_counts=True
     )
@@ -142,7 +141,7 @@ def _welded_flat(triangles: IntArray) -> IntArray:
 
 
 def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
-    """Return how faces can meet, from the unit of each and the two faces (v, 2) at each valley."""
+    """Return the relation of faces, from the unit of each face and the two faces (v, 2) at each valley."""
     from scipy.sparse.csgraph import shortest_path  # imported here because it takes long to load
 
     neighbours = np.eye(int(unit.max()) + 1, dtype=bool)
@@ -153,15 +152,12 @@ def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
     towards = np.zeros((len(unit), len(neighbours)), dtype=bool)
     for near, far in ((a, b), (b, a)):
         np.logical_or.at(towards, near, hops[unit[far]] < hops[unit[near]])
-    # far sides of two units see each other through those between them, as if one had come through
+    # far sides of two units face each other through the units in between, as after a penetration
     away = ~towards[:, unit]
     meet = ~neighbours[np.ix_(unit, unit)] & ~(away & away.T & np.isfinite(hops)[np.ix_(unit, unit)])
     relation = np.where(meet, Relation.APART, Relation.NONE)
     relation[a, b] = relation[b, a] = Relation.VALLEY
     return np.ascontiguousarray(relation, dtype=np.int64)
-
-
-_CORNER, _MIDPOINT, _CENTROID = 1.0 / 20.0, 2.0 / 15.0, 9.0 / 20.0  # as in `contact_surface`
 
 
 @final
@@ -170,9 +166,9 @@ class FilmPoints:
     """Contact points: nodes, then edge midpoints, then centroids.
 
     Args:
-        nodes: (p, 3) that each point combines.
-        weights: (p, 3).
-        area: (p,) [m^2], share of the film's area.
+        nodes: (p, 3), nodes of each point's triangle.
+        weights: (p, 3), barycentric.
+        area: (p,) [m^2], tributary area.
         home: (p, 2) face and unit of each.
         triangles: (m, 3) of the film.
         on_triangle: (m, 7) contact points on each triangle.
@@ -187,7 +183,7 @@ class FilmPoints:
 
     @classmethod
     def of(cls, faces: FilmFaces, positions: Array) -> "FilmPoints":
-        """Return those of a film.
+        """Return the contact points of a film.
 
         Args:
             faces: of the film.
@@ -202,17 +198,17 @@ class FilmPoints:
             np.column_stack([face, triangles]),
         )
         kinds = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [1.0 / 3.0] * 3])
-        found = [_unique_rows(row) for row in rows]
-        counts = [len(unique) for unique, _ in found]
+        points_by_kind = [_unique_rows(row) for row in rows]
+        counts = [len(unique) for unique, _ in points_by_kind]
         first = np.cumsum([0, *counts[:-1]])
         on_triangle = np.concatenate(
             [
-                place.reshape(len(triangles), -1) + start
-                for (_, place), start in zip(found, first, strict=True)
+                index.reshape(len(triangles), -1) + start
+                for (_, index), start in zip(points_by_kind, first, strict=True)
             ],
             axis=1,
         )
-        points = np.concatenate([unique for unique, _ in found])
+        points = np.concatenate([unique for unique, _ in points_by_kind])
         weight = np.array([_CORNER] * 3 + [_MIDPOINT] * 3 + [_CENTROID])
         areas = surface.triangle_area(positions, triangles)[:, None] * weight
         return cls(
@@ -229,7 +225,7 @@ class FilmPoints:
 
     @cached_property
     def around(self) -> tuple[IntArray, IntArray]:
-        """Where those of each point begin (p + 1,), and the triangles around the points, ascending."""
+        """Start (p + 1,) of each point's entries, and the triangles around the points, ascending."""
         order = np.argsort(self.on_triangle.ravel(), kind="stable")
         count = np.bincount(self.on_triangle.ravel(), minlength=len(self))
         return np.cumsum([0, *count], dtype=np.int64), order // self.on_triangle.shape[1]

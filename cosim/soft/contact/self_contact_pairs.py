@@ -1,24 +1,21 @@
 """Contact of film with film: points of one unit on triangles of another, exactly conservative.
 
-A point y = sum_a w_a x_a presses on the plane of a triangle (x_1, x_2, x_3) of unit normal n, out of its gas:
+A point y = sum_a w_a x_a presses on the plane of a triangle (x_1, x_2, x_3) with outer unit normal n:
 
     d = n . (y - x_1),   d(d) = n . (dy - sum_j b_j dx_j)
 
 with b_j the barycentric coordinates of y's foot on the plane: equal and opposite forces along one line, so
-that momentum and angular momentum stay. With g_j the gradients of b_j in the plane, c = (w, -b) and
+that momentum and angular momentum are conserved. With g_j the gradients of b_j in the plane, c = (w, -b) and
 G = (0, g) over the six nodes,
 
     d2(d) / dx_a dx_b = -c_a G_b n^T - c_b n G_a^T - d (G_a . G_b) n n^T.
 
-The energy in d is that of `contact`. Film on film is counted from both sides, with half of the stiffness
+The energy in d is that of `contact_law`. Film on film is counted from both sides, with half of the stiffness
 each: the pressure is the law's stiffness per area times the depth of one film in the other. So two equal
-films pressed together answer like each of them on a rigid plane between, under a law twice as stiff and half
-as wide.
-Friction: u = (1 - m m^T)(y - sum_j a_j x_j + stretch), with m the normal and a the foot at the start of
-the step, both frozen; `stretch` is what is left of earlier slips. Equal and opposite as well, but not along
-one line: a moment of the friction times the distance of y from the point that it is tied to is left over.
-
-First what contacts between films carry from one state to the next, and report of the last step.
+films pressed together behave like each of them on a rigid plane in between, under a law twice as stiff and
+half as wide. Friction: u = (1 - m m^T)(y - sum_j a_j x_j + stretch), with m the normal and a the foot at the
+start of the step, both frozen; `stretch` remains from earlier slips. Friction forces are equal and opposite
+too, but not along one line: a moment of the friction times the distance of y from its foot remains.
 """
 
 from __future__ import annotations
@@ -45,16 +42,18 @@ from cosim.soft.contact.contact_law import ContactLaw, depth_of, press
 from cosim.soft.contact.triangle_foot import distance_of, feet, fill_point, plane_of
 from cosim.soft.linear.pattern import PatternRows, add_block, find_block
 
+_NEAR_WIDTHS = 2.0  # distance, in widths of the law, up to which pairs often press in the next solution
+
 
 @final
 @dataclass(frozen=True)
 class FilmMemory:
-    """Pairs of contact point and unit that press on each other.
+    """Pairs of contact point and unit that press on each other at the end of a step, for the next one.
 
     Args:
         key: (k,) ascending.
         normal_force: (k,) [N].
-        distance: (k,) [m], negative where the point is behind the other film.
+        distance: (k,) [m], negative if the point is behind the other film.
         stretch: (k, 3) [m], of the stick springs, world.
     """
 
@@ -65,17 +64,17 @@ class FilmMemory:
 
     @property
     def count(self) -> int:
-        """Points that press."""
+        """Number of points that press."""
         return len(self.key)
 
     @property
     def normal_force_N(self) -> float:
-        """Sum over the points of either film: with this the two press on each other [N]."""
-        return float(self.normal_force.cumsum()[-1]) if self.count else 0.0  # one by one, as kernels do
+        """Sum of the normal forces [N] over the points of both films."""
+        return float(self.normal_force.cumsum()[-1]) if self.count else 0.0  # in order, as in kernels
 
     @property
     def depth_m(self) -> float:
-        """How deep the deepest point is behind the other film [m]; negative while none is."""
+        """Depth of the deepest point behind the other film [m]; negative if none is behind."""
         return -float(self.distance.min()) if self.count else 0.0
 
     def carried(self, motion: Pose) -> FilmMemory:
@@ -94,8 +93,8 @@ class PairRows(NamedTuple):
         foot: (k, 3) weights of the point's foot on the triangle at the start of the step.
         normal: (k, 3) of the triangle then.
         stretch: (k, 3) [m], of the stick springs then, world.
-        spare: (k,) [m], added to the distance: the pair presses from so much nearer on than the law has it;
-            of frames negative, by how far their surface is before the point.
+        spare: (k,) [m], added to the distance, see `contact_law.spare`; negative for frames, whose surface is
+            in front of the point.
         widths: (2,) [m], of the law's transitions: pressing, sticking.
         out: (k, 5), filled with normal force [N], distance [m], and the force on the point (3,) [N].
     """
@@ -112,18 +111,18 @@ class PairRows(NamedTuple):
     out: Matrix
 
     @classmethod
-    def room(cls, count: int, widths: Array) -> PairRows:
-        """Return room for so many pairs, by a law of such widths."""
+    def empty(cls, count: int, widths: Array) -> PairRows:
+        """Return allocated arrays for `count` pairs, by a law of these widths."""
         numbers = np.empty((count, 3)), np.empty(count), np.empty(count), np.empty((count, 3))
         rest = np.empty((count, 3)), np.empty((count, 3)), np.zeros(count), widths, np.empty((count, 5))
         return cls(np.empty((count, 6), np.int64), *numbers, *rest)
 
 
 @inlined
-def _look_at(
+def _evaluate(
     x: Matrix, pairs: PairRows, e: int, shape: tuple[Vector, Vector, Matrix], y: Vector
 ) -> tuple[float, float, float, float]:
-    """Fill normal, and c and G if it presses or rubs, of a pair; return its distance, energy, E' and E''."""
+    """Fill a pair's normal, and c and G if it has forces; return its distance, energy, E' and E''."""
     n, weight, slope = shape
     nodes, width, stiffness = pairs.nodes[e], pairs.widths[0], pairs.stiffness[e]
     fill_point(x, nodes, pairs.weights[e], y)
@@ -139,8 +138,8 @@ def _look_at(
 
 
 @device_function
-def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matrix) -> float:
-    """Fill what the stick spring of a pair holds of each node, its force and stiffness; return its energy."""
+def _stick_spring(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matrix) -> float:
+    """Fill the nodal weights, force and stiffness of a pair's stick spring; return its energy."""
     rub[:], drag[:] = 0.0, 0.0
     for a in range(3):
         w[a], w[3 + a] = pairs.weights[e, a], -pairs.foot[e, a]
@@ -156,17 +155,17 @@ def _tie(x: Matrix, pairs: PairRows, e: int, w: Vector, rub: Vector, drag: Matri
 
 @kernel
 def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
-    """Add the gradient of all pairs, and fill what each presses with; return the energy [J]."""
+    """Add the gradient of all pairs, and fill the force of each; return the energy [J]."""
     nodes, out, y, n = pairs.nodes, pairs.out, small_vector(3), small_vector(3)
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, drag, energy = small_vector(3), small_matrix(3, 3), 0.0
     for e in range(nodes.shape[0]):
-        d, level, push, _ = _look_at(x, pairs, e, (n, weight, slope), y)
+        d, level, push, _ = _evaluate(x, pairs, e, (n, weight, slope), y)
         energy += level
         if push == 0.0 and pairs.friction[e] == 0.0:
             out[e, 0], out[e, 1], out[e, 2], out[e, 3], out[e, 4] = 0.0, d, 0.0, 0.0, 0.0
             continue
-        energy += _tie(x, pairs, e, w, rub, drag)
+        energy += _stick_spring(x, pairs, e, w, rub, drag)
         out[e, 0], out[e, 1] = push, d
         for r in range(3):
             out[e, 2 + r] = push * n[r] - rub[r]
@@ -178,25 +177,25 @@ def add_pairs(x: Matrix, pairs: PairRows, gradient: Matrix) -> float:
 
 @kernel
 def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices, blocks: Blocks) -> int:
-    """Add the Hessian of all pairs that press or rub; return how many blocks the pattern lacks for it.
+    """Add the Hessian of all pairs with forces; return the number of blocks that the pattern lacks.
 
-    Of thousands of pairs that are near a few do: the others would only fill the factor.
+    Few of thousands of near pairs have forces; the others would only fill the factor.
 
     Args:
         x: (n, 3) [m].
         pairs: see `PairRows`.
         wide: pattern of the blocks.
-        used: (b,), filled with 1 for each block of pairs that press or rub.
+        used: (b,), filled with 1 for each block of pairs with forces.
         blocks: (b, 3, 3) [N/m], added to.
     """
     nodes, y, n, missing = pairs.nodes, small_vector(3), small_vector(3), 0
     weight, slope, w = zero_vector(6), zero_matrix(6, 3), zero_vector(6)
     rub, k, drag = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     for e in range(nodes.shape[0]):
-        d, _, push, rate = _look_at(x, pairs, e, (n, weight, slope), y)
+        d, _, push, rate = _evaluate(x, pairs, e, (n, weight, slope), y)
         if push == 0.0 and pairs.friction[e] == 0.0:
             continue
-        _tie(x, pairs, e, w, rub, drag)
+        _stick_spring(x, pairs, e, w, rub, drag)
         for a in range(6):
             for b in range(a + 1):
                 slot = find_block(wide, nodes[e, a], nodes[e, b])
@@ -221,7 +220,7 @@ def add_pair_blocks(x: Matrix, pairs: PairRows, wide: PatternRows, used: Indices
 def _work_of(
     before: Matrix, x: Matrix, pairs: PairRows, e: int, pushes: tuple[float, float], n: Vector
 ) -> float:
-    """Return the work of a pair on the film in a step, given its normal forces and its normal at the end."""
+    """Return the work of a pair on the film in a step, from its normal forces and its normal at the end."""
     nodes, u0, u1 = pairs.nodes[e], small_vector(3), small_vector(3)
     rub0, rub1, drag = zero_vector(3), zero_vector(3), zero_matrix(3, 3)
     slope, foot, y, first, last = small_matrix(3, 3), small_vector(3), small_vector(3), 0.0, 0.0
@@ -234,7 +233,7 @@ def _work_of(
         for a in range(3):
             u0[r] += pairs.weights[e, a] * before[nodes[a], r] - pairs.foot[e, a] * before[nodes[3 + a], r]
             u1[r] += pairs.weights[e, a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
-        went = gone = u1[r] - u0[r]  # of the point against its foot: that at the beginning, that at the end
+        went = gone = u1[r] - u0[r]  # motion of the point relative to its foot at the start, and at the end
         if pushes[1] != 0.0:
             for a in range(3):
                 moved = x[nodes[3 + a], r] - before[nodes[3 + a], r]
@@ -254,20 +253,20 @@ def _work_of(
 def end_pairs(
     before: Matrix, x: Matrix, pairs: PairRows, resting: bool, pressing: Indices, ends: Matrix
 ) -> tuple[int, float]:
-    """Fill what the next step knows of the pairs that press at the end of one.
+    """Fill the memory of the pairs that press at the end of a step.
 
     Args:
-        before: (n, 3) [m], nodes at the beginning, for which the pairs were found.
-        x: (n, 3) [m], at the end.
+        before: (n, 3) [m], nodes at the start, for which the pairs were found.
+        x: (n, 3) [m], nodes at the end.
         pairs: k.
         resting: whether all stick springs are slack, as at the start of a motion; otherwise their stretch is
-            brought to its end: at most `stick`, in the plane.
-        pressing: (k,), filled from its beginning with those that press.
-        ends: (k, 5), filled with normal force [N], distance [m] and stretch (3,) [m] of each of these.
+            updated: in the plane, at most `stick`.
+        pressing: (k,), its first entries are filled with the pairs that press.
+        ends: (k, 5), filled with normal force [N], distance [m] and stretch (3,) [m] of these.
 
     Returns:
-        How many press, and the work [J] that all pairs do on the film in the step, by the mean of the forces
-        at its ends.
+        Number of pairs that press, and the work [J] of all pairs on the film in the step, by the mean of the
+        forces at start and end.
     """
     y, n, count, width, work = small_vector(3), small_vector(3), 0, pairs.widths[0], 0.0
     for e in range(pairs.nodes.shape[0]):
@@ -297,18 +296,15 @@ def end_pairs(
     return count, work
 
 
-_NEAR_WIDTHS = 2.0  # of the law's transition: such pairs often act in the next solution
-
-
 @final
 @dataclass(frozen=True)
 class FilmPairs:
-    """What may touch in one step.
+    """The possible pairs of self-contact in one step.
 
     Args:
-        key: (k,) ascending; names the pair of point and unit.
-        triangle: (k,) that the point may press on.
-        rows: what kernels take of them.
+        key: (k,) ascending; identifies the pair of point and unit.
+        triangle: (k,) under the point.
+        rows: arguments for kernels.
     """
 
     key: IntArray
@@ -320,14 +316,14 @@ class FilmPairs:
         cls, key: IntArray, triangle: IntArray, nodes: IntArray, weights: Array, stiffness: Array,
         law: ContactLaw, positions: Array,
     ) -> FilmPairs:  # fmt: skip
-        """Return pairs without friction, by the terms of `FilmPairs` and `PairRows`.
+        """Return pairs without friction; arguments are fields of `FilmPairs` and `PairRows`.
 
         Args:
-            key: of the pairs.
-            triangle: of the pairs.
-            nodes: of the pairs.
-            weights: of the pairs.
-            stiffness: of the pairs.
+            key: (k,).
+            triangle: (k,).
+            nodes: (k, 6).
+            weights: (k, 3).
+            stiffness: (k,) [N/m].
             law: between films.
             positions: (n, 3) [m], at the start of the step.
         """
@@ -342,27 +338,27 @@ class FilmPairs:
 
     @property
     def acting(self) -> IntArray:
-        """Nodes (j, 6) of the pairs that press or rub, where they were added last."""
+        """Nodes (j, 6) of the pairs with forces at the last evaluation."""
         return self.rows.nodes[(self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)]
 
     @property
     def near(self) -> IntArray:
-        """Nodes (j, 6) of the pairs that act, or nearly do, where they were added last."""
+        """Nodes (j, 6) of the pairs with forces, or nearly so, at the last evaluation."""
         distance, widths = self.rows.out[:, 1], self.rows.widths
         acting = (self.rows.out[:, 0] > 0.0) | (self.rows.friction > 0.0)
         return self.rows.nodes[acting | (np.abs(distance) < _NEAR_WIDTHS * widths[0])]
 
     def end(self, before: Array, positions: Array) -> tuple[FilmMemory | None, float]:
-        """Return what the next step knows of the contacts that press, None for none, and their work [J].
+        """Return the memory of the pairs that press, None for none, and the work [J] of all pairs.
 
         Args:
-            before: (n, 3) [m], at the beginning of the step, for which the pairs were found.
+            before: (n, 3) [m], at the start of the step, for which the pairs were found.
             positions: (n, 3) [m], at its end.
         """
         return self._ended(before, positions, resting=False)
 
     def memory(self, positions: Array, *, resting: bool = False) -> FilmMemory | None:
-        """Return what the next step knows of the contacts that press at the end of this one; None for none.
+        """Return the memory of the pairs that press at the end of a step; None for none.
 
         Args:
             positions: (n, 3) [m], at the end.
@@ -375,11 +371,11 @@ class FilmPairs:
         count, work_J = unchecked(end_pairs)(before, x, self.rows, resting, pressing, ends)
         if not count:
             return None, work_J
-        kept, key = ends[:count], self.key[pressing[:count]]
-        return FilmMemory(key, kept[:, 0].copy(), kept[:, 1].copy(), kept[:, 2:].copy()), work_J
+        rows, key = ends[:count], self.key[pressing[:count]]
+        return FilmMemory(key, rows[:, 0].copy(), rows[:, 1].copy(), rows[:, 2:].copy()), work_J
 
     def holding(self, positions: Array, slack: float, reach_m: float) -> Mask:
-        """Return which pairs (k,) still are some: foot in the triangle but for `slack`, distance in reach."""
+        """Return which pairs (k,) are still valid: foot in the triangle up to `slack`, distance in reach."""
         foot, _, distance = feet(positions, self.rows.nodes, self.rows.weights)
         inside = (foot[:, 0] >= -slack) & (foot[:, 1] >= -slack) & (foot[:, 2] >= -slack)
         return np.asarray(inside & (np.abs(distance) < reach_m))

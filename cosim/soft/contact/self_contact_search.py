@@ -1,8 +1,8 @@
-"""Which points of a film lie over which triangles of its other units: foot on the plane, within the triangle.
+"""Search for points of a film over triangles of other units, with the foot within the triangle.
 
-A point is over a triangle if its foot on the plane lies in the triangle (`BEYOND_EDGES`, so that none slips
-through between two) and its distance is in -behind .. reach. Of the triangles of one unit it gets the
-nearest, and only if the two films face each other there; see `Relation`.
+A point is over a triangle if its foot on the plane lies in the triangle (extended by `BEYOND_EDGES`) and its
+distance is in -behind .. reach. Of the triangles of one unit the nearest is taken, and only if the two films
+face each other there; see `Relation`.
 """
 
 from typing import NamedTuple
@@ -15,9 +15,9 @@ from cosim.soft.contact import triangle_foot
 from cosim.soft.contact.self_contact_candidates import BEYOND_EDGES, VALLEY, FilmRows
 from cosim.soft.contact.triangle_side import least_weight, measure_side, over_plane
 
-BEHIND_M = 5e-3  # how far behind a film a point still counts as one that came through it
-_UNITS_NEAR = 8  # other units over which one point can be at a time
-_TIE_M = 1e-12  # two triangles at equal distance: the one in front of which the point lies more
+BEHIND_M = 5e-3  # depth behind a film up to which a point counts as having penetrated it
+_UNITS_NEAR = 8  # largest number of other units over one point
+_TIE_M = 1e-12  # of equal distances, the triangle with the point more in front of it is taken
 _FACING_VALLEY, _FACING_APART = 0.0, 0.5  # largest cosine of the two outer normals, by `Relation`
 
 
@@ -25,11 +25,11 @@ class ShortList(NamedTuple):
     """Triangles that points may be over.
 
     Args:
-        first: (p + 1,), where the triangles of each point begin.
-        listed: these, ascending.
-        points: (p,), first those that have an entry.
-        used: (t,), first the triangles that have one.
-        sides: (t, 13), see `measure_side`, of these.
+        first: (p + 1,), start of each point's triangles in `listed`.
+        listed: triangles, ascending for each point.
+        points: (p,), the points with an entry come first.
+        used: (t,), the triangles with an entry come first.
+        sides: (t, 13), see `measure_side`, of the used triangles.
     """
 
     first: Indices
@@ -39,8 +39,8 @@ class ShortList(NamedTuple):
     sides: Matrix
 
     @classmethod
-    def room(cls, points: int, triangles: int) -> "ShortList":
-        """Return an empty list of so many points and triangles."""
+    def empty(cls, points: int, triangles: int) -> "ShortList":
+        """Return an empty list for a film with so many points and triangles."""
         first, listed = np.zeros(points + 1, np.int64), np.empty(0, np.int64)
         used = np.zeros(points, np.int64), np.zeros(triangles, np.int64)
         return cls(first, listed, *used, np.empty((triangles, 13)))
@@ -48,7 +48,7 @@ class ShortList(NamedTuple):
 
 @device_function
 def add_ascending(short: ShortList, p: int, t: int, at: int) -> None:
-    """Add a triangle to those of a point, the last one so far, in a list that ends at `at`."""
+    """Insert a triangle in ascending order for the last point p of a list that ends at `at`."""
     while at > short.first[p] and short.listed[at - 1] > t:
         short.listed[at] = short.listed[at - 1]
         at -= 1
@@ -62,8 +62,8 @@ def measure_sides(x: Matrix, triangles: IndexTable, used: Indices, count: int, s
     Args:
         x: (n, 3) [m].
         triangles: (t, 3).
-        used: (t,) of them.
-        count: how many.
+        used: (t,), indices of triangles.
+        count: number of used triangles.
         sides: (t, 13), filled, see `measure_side`.
     """
     for k in range(count):
@@ -73,7 +73,7 @@ def measure_sides(x: Matrix, triangles: IndexTable, used: Indices, count: int, s
 
 @device_function
 def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
-    """Fill a point's outer normal, of unit length: the mean of the triangles around it, by their areas."""
+    """Fill a point's outer unit normal: the area-weighted mean of the triangles around it."""
     square = 0.0
     outward[:] = 0.0
     for k in range(rows.start[p], rows.start[p + 1]):
@@ -109,12 +109,12 @@ def _choose(
     bounds: tuple[float, float],
     room: tuple[Vector, Vector, Vector, Vector],
 ) -> int:
-    """Fill of each unit that a point is over its distance, the nearest triangle, and its number.
+    """Fill, for each unit under a point, distance, nearest triangle, and the unit's index.
 
-    The triangle is -1 where the two do not face each other there.
+    The triangle is -1 if the two films do not face each other there.
 
     Returns:
-        Over how many units it is.
+        Number of units.
     """
     sides, place, outward = short.sides, small_vector(3), small_vector(3)
     (reach, behind), (best, distance, chosen, units) = bounds, room
@@ -122,7 +122,7 @@ def _choose(
     px, py, pz = place[0], place[1], place[2]
     near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
     spare = rows.spare[p]
-    if not _nearest(short, p, behind, px, py, pz) + spare < reach:  # as of most points
+    if not _nearest(short, p, behind, px, py, pz) + spare < reach:  # most points
         return near
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
@@ -156,20 +156,20 @@ def _choose(
 def fill_over(
     x: Matrix, rows: FilmRows, short: ShortList, points: int, bounds: tuple[float, float], out: IndexTable
 ) -> int:
-    """Fill rows (point, triangle) of what lies over what, ascending by point, then by the triangle's unit.
+    """Fill pairs (point, triangle) of points over triangles, ascending by point, then by the triangle's unit.
 
     Args:
         x: (n, 3) [m].
         rows: of the film.
-        short: list that is valid, with the sides of its triangles.
-        points: how many have an entry.
+        short: valid list, with the sides of its triangles.
+        points: number of points with an entry.
         bounds: largest distance in front of a triangle, and behind it [m].
         out: (k, 2), filled.
 
     Returns:
-        How many rows that takes, none of which are written beyond the room.
+        Number of pairs; those beyond the size of `out` are not written.
     """
-    # numbers of triangles and units are kept as floats, which fit on the stack
+    # indices of triangles and units are stored as floats, which fit on the stack
     best, distance = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     chosen, units = small_vector(_UNITS_NEAR), small_vector(_UNITS_NEAR)
     room, count, reach = (best, distance, chosen, units), 0, bounds[0]

@@ -1,4 +1,4 @@
-"""Where a point lies over a triangle: its distance from the plane, and its foot by weights of the corners.
+"""The distance of a point from a triangle's plane, and its foot as barycentric weights of the corners.
 
 With n the unit normal and A the area, the weight of corner j has the gradient n x e_j / (2 A), e_j the edge
 across from it.
@@ -25,7 +25,7 @@ def plane_of(x: Matrix, corners: Indices, n: Vector) -> float:
 
 @device_function
 def fill_slopes(x: Matrix, corners: Indices, n: Vector, shrink: float, slope: Matrix) -> None:
-    """Fill the gradients of the weights of a foot, given what `plane_of` has found."""
+    """Fill the gradients of the weights of a foot, from the results of `plane_of`."""
     for j in range(3):
         b, c = corners[(j + 1) % 3], corners[(j + 2) % 3]
         ex, ey, ez = shrink * (x[c, 0] - x[b, 0]), shrink * (x[c, 1] - x[b, 1]), shrink * (x[c, 2] - x[b, 2])
@@ -45,7 +45,7 @@ def fill_weights(x: Matrix, corners: Indices, slope: Matrix, y: Vector, weight: 
 
 @device_function
 def fill_point(x: Matrix, nodes: Indices, weights: Vector, y: Vector) -> None:
-    """Fill where a point is that combines three nodes."""
+    """Fill the position of a point that combines three nodes."""
     a, b, c = nodes[0], nodes[1], nodes[2]
     for r in range(3):
         y[r] = weights[0] * x[a, r] + weights[1] * x[b, r] + weights[2] * x[c, r]
@@ -53,7 +53,7 @@ def fill_point(x: Matrix, nodes: Indices, weights: Vector, y: Vector) -> None:
 
 @device_function
 def distance_of(x: Matrix, corner: int, n: Vector, y: Vector) -> float:
-    """Return how far a point is in front of the plane through a corner."""
+    """Return the distance of a point from the plane through a corner, positive in front."""
     return n[0] * (y[0] - x[corner, 0]) + n[1] * (y[1] - x[corner, 1]) + n[2] * (y[2] - x[corner, 2])
 
 
@@ -71,7 +71,7 @@ def _feet(
 
 
 def feet(positions: Array, nodes: IntArray, weights: Array) -> tuple[Array, Array, Array]:
-    """Return where points lie over triangles: weights of the feet (k, 3), normals (k, 3), distances (k,) [m].
+    """Return weights of feet (k, 3), normals (k, 3) and distances (k,) [m] of points over triangles.
 
     Args:
         positions: (n, 3) [m].

@@ -1,7 +1,7 @@
-"""The upper side of a triangle: how far points are above its plane, and where over it.
+"""Precomputed plane of a triangle, for the distance and foot of many points.
 
-Thirteen numbers: its first corner, its normal n, the slopes of the weights b and c of its other corners, and
-twice its area. A point p is (p - corner) . n above the plane; its foot has weights 1 - b - c, b, c.
+The side (13,) holds the first corner, the normal n, the gradients of the weights b and c of the other
+corners, and twice the area. A point p is at distance (p - corner) . n; its foot has weights 1 - b - c, b, c.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from cosim.soft.contact import triangle_foot
 
 @device_function
 def measure_side(x: Matrix, corners: Indices, side: Vector) -> None:
-    """Fill the side (13,) of a triangle: a corner, normal, slopes of others' weights, twice the area."""
+    """Fill the side (13,) of a triangle."""
     n, slope = small_vector(3), small_matrix(3, 3)
     shrink = triangle_foot.plane_of(x, corners, n)
     triangle_foot.fill_slopes(x, corners, n, shrink, slope)
@@ -32,7 +32,7 @@ def over_plane(side: Vector, x: float, y: float, z: float) -> float:
 
 @device_function
 def least_weight(side: Vector, x: float, y: float, z: float) -> float:
-    """Return the least weight of a point's foot on a triangle's plane."""
+    """Return the smallest barycentric weight of a point's foot on a triangle's plane."""
     x, y, z = x - side[0], y - side[1], z - side[2]
     b, c = side[6] * x + side[7] * y + side[8] * z, side[9] * x + side[10] * y + side[11] * z
     return min(1.0 - b - c, b, c)
@@ -40,7 +40,7 @@ def least_weight(side: Vector, x: float, y: float, z: float) -> float:
 
 @device_function
 def steepest_slope(side: Vector) -> float:
-    """Return the steepest slope of a weight, the reciprocal of a triangle's least height."""
+    """Return the largest gradient of a weight, the reciprocal of a triangle's smallest height."""
     first, second, both = 0.0, 0.0, 0.0
     for r in range(6, 9):
         first, second = first + side[r] * side[r], second + side[3 + r] * side[3 + r]

@@ -140,7 +140,7 @@ class FilmPotential:
         rings = [ring[None, :] for ring in body.caps]
         coupled = [*(element.coupled for element in body.elements), *rings]
         self.pattern = BlockPattern.from_elements(body.nodes, coupled)
-        self.serving, self.widening = self.pattern, PatternWidening(self.pattern)
+        self.reusable_pattern, self.widening = self.pattern, PatternWidening(self.pattern)
         self.gradient = np.zeros((body.nodes, 3))
         self.blocks = np.zeros((self.pattern.blocks, 3, 3))
         self.tangent = Tangent(self.pattern, self.blocks)
@@ -359,7 +359,7 @@ class FilmPotential:
 
     def _widened(self, x: Array, pairs: FilmPairs) -> tuple[BlockPattern, Array]:
         """Return the tangent's blocks with films that press on one another, which couple distant nodes."""
-        wide = self.widening.around(pairs.near, self.serving)
+        wide = self.widening.around(pairs.near, self.reusable_pattern)
         pattern, blocks = wide.pattern, wide.blocks(self.blocks)
         add_pair_blocks(x, pairs.rows, pattern.rows, np.zeros(pattern.blocks, np.int64), blocks)
         return pattern, blocks

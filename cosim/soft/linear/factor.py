@@ -1,8 +1,8 @@
-"""A factorisation that serves later solutions too: turned with the flange, mended by what its steps show.
+"""A factorisation that later solutions reuse: rotated with the flange, corrected by secants of its steps.
 
-Its steps are -K^-1 g, with K turned by as much as the flange has turned since it was made, and corrected by
-secant pairs. Each further iteration of a solution with it counts as extra; once those have cost as much as a
-new factorisation, it serves no longer.
+Its steps are -K^-1 g, with K rotated by the flange's rotation since the factorisation, and corrected by
+secant pairs. Iterations of a solution after the first one are counted as extra; once they have cost as much
+as a new factorisation, it is not reused any more.
 """
 
 from collections.abc import Callable
@@ -21,19 +21,19 @@ from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, keep_pair, me
 from cosim.soft.linear.vectors import longest
 
 EXTRA_MAX: Final = 8
-"""Iterations beyond one a solution that have cost as much as a new factorisation: it is made."""
+"""Number of extra iterations that cost as much as a new factorisation."""
 _STRAIGHT: Final = np.eye(3)
 
 
 @final
 @dataclass(frozen=True)
-class KeptFactor:
-    """For which problem, and at which flange rotation, the factorisation in store was made.
+class FactorKey:
+    """The problem and flange rotation of the stored factorisation.
 
     Args:
         kind: see `Problem.kind`.
         frame: world from flange.
-        extra: iterations with it beyond one a solution.
+        extra: number of extra iterations with it.
     """
 
     kind: float
@@ -46,9 +46,11 @@ class Factor:
     """Factorises tangents of one body and solves with them.
 
     Args:
-        solver_for: makes what factorises blocks of a pattern; in the order of another one, if that is given.
-        pattern: the body's own.
+        solver_for: (pattern, like) -> linear solver for blocks of a pattern, in the elimination order of
+            another solver if that is not None.
+        pattern: of the body.
         free: (n, 3) bool, components that move.
+        like: of the same body and clamp, whose elimination order is reused; None for none.
     """
 
     def __init__(
@@ -61,33 +63,33 @@ class Factor:
         self._solver_for, self._free, self._own = solver_for, free, pattern
         self.narrow: LinearSolver = solver_for(pattern, None if like is None else like.narrow)
         self.solver: LinearSolver = self.narrow
-        self.kept: KeptFactor | None = None
+        self.key: FactorKey | None = None
         self._frame, self._frame_bytes, self._known = _STRAIGHT, _STRAIGHT.tobytes(), 0
         self._shifts, self._pairs = ShiftSearch(), SecantPairs.room(len(free))
 
     @property
     def pattern(self) -> BlockPattern:
-        """Of the blocks that were factorised last."""
+        """Pattern of the blocks that were factorised last."""
         return self.solver.pattern
 
-    def serves(self, kind: float) -> bool:
-        """Return whether it serves a further iteration of a problem of some kind."""
-        kept = self.kept
-        return kept is not None and kept.kind == kind and kept.extra < EXTRA_MAX
+    def is_usable_for(self, kind: float) -> bool:
+        """Return whether it can be reused for a further iteration of a problem of this kind."""
+        key = self.key
+        return key is not None and key.kind == kind and key.extra < EXTRA_MAX
 
     def fit(self, pattern: BlockPattern) -> LinearSolver:
-        """Return what factorises blocks of a pattern; a factorisation of another one is lost."""
+        """Return the linear solver for blocks of a pattern; a factorisation of another pattern is lost."""
         if self.solver.pattern is not pattern:
             own = pattern is self._own
             self.solver = self.narrow if own else self._solver_for(pattern, self.narrow)
-            self.kept = None
+            self.key = None
         return self.solver
 
     def make(self, tangent: Tangent, kind: float, frame: Array, shifts: tuple[float, float]) -> int:
-        """Factorise a tangent, shifted where it is indefinite; return the attempts, negative if all failed.
+        """Factorise a tangent, shifted if it is indefinite; return the attempts, negative if all failed.
 
         Args:
-            tangent: what is factorised.
+            tangent: to factorise.
             kind: see `Problem.kind`.
             frame: (3, 3), world from flange.
             shifts: first and largest one [N/m].
@@ -95,35 +97,35 @@ class Factor:
         solver, blocks, low_rank = self.fit(tangent.pattern), tangent.blocks, tangent.low_rank
         solver.extra = tangent.caps
         attempts = self._shifts.factor(lambda shift: solver.factor(blocks, shift, low_rank), *shifts)
-        self._made(KeptFactor(kind, frame) if attempts == 1 else None, frame)
+        self._made(FactorKey(kind, frame) if attempts == 1 else None, frame)
         return attempts
 
-    def keep(self, kept: KeptFactor | None) -> None:
-        """Remember for what the factorisation in store was made; None: it serves no later solution."""
-        self._made(kept, self._frame if kept is None else kept.frame)
+    def set_key(self, key: FactorKey | None) -> None:
+        """Set the problem of the stored factorisation; None: later solutions do not reuse it."""
+        self._made(key, self._frame if key is None else key.frame)
 
-    def _made(self, kept: KeptFactor | None, frame: Array) -> None:
-        self.kept, self._frame, self._known = kept, frame, 0
+    def _made(self, key: FactorKey | None, frame: Array) -> None:
+        self.key, self._frame, self._known = key, frame, 0
         self._frame_bytes = frame.tobytes()
 
     def begin(self) -> None:
-        """Forget what the steps of the last solution have shown."""
+        """Drop the secants of the last solution."""
         self._known = 0
 
     def count_extra(self, iterations: int) -> None:
-        """Count iterations of a solution with the factorisation, beyond the first."""
-        if iterations > 1 and self.kept is not None:
-            self.kept = replace(self.kept, extra=self.kept.extra + iterations - 1)
+        """Count the extra iterations of a solution with the factorisation."""
+        if iterations > 1 and self.key is not None:
+            self.key = replace(self.key, extra=self.key.extra + iterations - 1)
 
     def step(self, gradient: Array, frame: Array, out: Array, *, roughly: bool = False) -> float:
-        """Fill the step (n, 3) [m] from a gradient; return its largest component, NaN where one is no number.
+        """Fill the step (n, 3) [m] of a gradient; return its largest component, NaN if one is not a number.
 
         Args:
             gradient: (n, 3) [N], at the last point.
             frame: (3, 3), world from flange, now.
             out: filled.
-            roughly: whether single precision will do. The factor of a step in time reads from memory in half
-                the time then, and its rounding is far below what the tangent has changed since it was made.
+            roughly: whether to use the factor in single precision. It is read from memory in half the time,
+                and its rounding is far below the change of the tangent since the factorisation.
         """
         unchecked(bend_load)(self._pairs, self._known, gradient, out)
         turn = _STRAIGHT if frame.tobytes() == self._frame_bytes else frame.dot(self._frame.T)
@@ -137,13 +139,13 @@ class Factor:
         unchecked(mend_step)(self._pairs, self._known, out)
         return unchecked(longest)(out)
 
-    def show(self, step: Array, before: Array, after: Array) -> bool:
-        """Take in what a step has shown of the tangent; return whether it has shown something.
+    def add_secant(self, step: Array, before: Array, after: Array) -> bool:
+        """Add the secant of a step; return whether it was usable.
 
         Args:
             step: (n, 3) [m].
-            before: (n, 3) [N], gradient where it began.
-            after: the same where it ended.
+            before: (n, 3) [N], gradient at the start of the step.
+            after: gradient at its end.
         """
         known = self._known
         self._known = unchecked(keep_pair)(self._pairs, known, step, before, after, self._free)

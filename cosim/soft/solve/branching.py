@@ -1,15 +1,16 @@
-"""What a run finds of a state that solves its equations: how firmly it stands, or films in one another.
-
-In a file by itself, as who reports on it loads no kernels.
-"""
+"""Records of a solved state: bifurcations, stability and overlaps; apart, so that reports load no kernels."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, final
 
+import numpy as np
+
+from cosim.base.frames import Array
+
 WHOLE: Final = 0.2
-"""Extent of a motion from which on more than a wrinkle moves."""
+"""Extent of a motion above which more than a wrinkle moves."""
 UNDECIDED: Final = "nothing decides on the side: rounding does"
 LEFT: Final = "leaves it all at once: it snaps, or nothing has decided on the side, and rounding does"
 IN_TIME: Final = UNDECIDED, LEFT
@@ -19,23 +20,23 @@ IN_TIME: Final = UNDECIDED, LEFT
 @final
 @dataclass(frozen=True)
 class Branching:
-    """Where a branch of stable equilibria ends in an unstable one, and how it was continued.
+    """A bifurcation or snap: the end of a branch of stable equilibria, and how it was continued.
 
     Args:
-        load_factor: share of the way to the loads that were asked for, at which it lies; bisected to 1 %.
+        load_factor: at the end of the branch, relative to the commanded loads; bisected to 1 %.
         pressure_Pa: gauge pressure there, of each chamber.
         cable_tension_N: of each cable there.
-        place: node that moves most as the unstable one is left, and its ring.
+        place: node that moves most along the instability, and its ring.
         direction: (x, y, z), unit vector of that motion, world axes; its largest component is positive.
-        extent: root mean square of that motion over the nodes, of the largest: towards 1 where the whole body
-            moves, towards 0 in a wrinkle.
+        extent: root mean square of that motion over the nodes, relative to the largest: near 1 if the whole
+            body moves, near 0 for a wrinkle.
         ways: independent directions in which the potential falls.
-        tip_m: (x, y, z), of the branch that was taken; None where none is known.
-        other_tip_m: of the branch on the other side, under the same loads; None where none was found.
-        chosen: why that branch; in a run in time `UNDECIDED` if it is at an unstable equilibrium,
-            `LEFT` if it is seen on its way from one.
-        snap: whether the branch ends without another one beside it, so that the body snaps to a far state;
-            `place`, `direction` and `extent` are of that motion, `other_tip_m` is from where.
+        tip_m: (x, y, z), of the chosen branch; None if not known.
+        other_tip_m: of the branch on the other side, under the same loads; None if none was found.
+        chosen: why that branch; in a run in time `UNDECIDED` at an unstable equilibrium, `LEFT` on the way
+            from one.
+        snap: whether no other branch is near, so that the body snaps to a far state; then `place`,
+            `direction` and `extent` are of that motion, and `other_tip_m` is at its start.
         losses_held: see `StabilityReport`.
     """
 
@@ -54,33 +55,32 @@ class Branching:
 
 
 MODES: Final = 4
-"""How many natural frequencies a look finds."""
+"""Number of natural frequencies in a `StabilityReport`."""
 DISTURBED: Final = 1e-6
-"""Of the load on each node, by how much it may be off in a `StabilityReport`."""
+"""Relative disturbance of the load on each node in a `StabilityReport`."""
 _MOVES_m, _NEAR = 1e-3, 0.05
 
 
 @final
 @dataclass(frozen=True)
 class StabilityReport:
-    """How firmly a soft robot stands at the end of a phase, as if it was at rest there with its flange held.
+    """Stability of a soft robot at the end of a phase, as if it was at rest there with its flange held.
 
     Args:
-        lowest_frequency_Hz: natural frequency; None where it is unstable, or has nodes without mass.
-        disturbed_tip_m: how far the tip moves if the load on each node is off by a millionth of its size, all
-            of them in the one direction that moves it most; infinite where it is unstable.
-        load_margin: by what share all loads may grow, or fall (below 0), until it is no longer stable, if its
-            lowest stiffness (where it snaps, the square of that) continues to change as it does; infinite
-            where that is not within 1.
-        snaps: whether it is the loads that move it there: it snaps. Else it branches.
-        losses_held: whether loads have no potential, so that this is of the symmetric part of its tangent,
-            with the losses along cables held.
-        unstable: in which direction it would give way; None where it is stable, or where that is not
-            known, as loads have no potential.
-        rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to from there, looked for where
-            rounding has decided on a side; None: not looked for, or none was found.
+        lowest_frequency_Hz: natural frequency; None if it is unstable, or has nodes without mass.
+        disturbed_tip_m: motion of the tip if the load on each node is off by a millionth of its size, all in
+            the direction that moves the tip most; infinite if it is unstable.
+        load_margin: relative growth (below 0: decrease) of all loads at which it becomes unstable, if its
+            lowest stiffness (for a snap, the square of it) continues to change at the present rate; infinite
+            if beyond 1.
+        snaps: whether it snaps at that load, as the loads drive the lowest mode; otherwise it bifurcates.
+        losses_held: whether loads have no potential, so that the report is for the symmetric part of the
+            tangent, with frozen losses along cables.
+        unstable: the instability; None if it is stable, or if not known, as loads have no potential.
+        rests_at_m: (x, y, z), tip of the stable equilibrium that it slides to, computed if rounding has
+            chosen a side; None if not computed, or not found.
         frequencies_Hz: natural frequencies, lowest first, up to `MODES`; without losses.
-        losses_per_s: of each, the rate of which its materials' losses let it decay at half.
+        losses_per_s: loss rate of the materials for each; the mode decays at half of it.
     """
 
     lowest_frequency_Hz: float | None
@@ -94,7 +94,7 @@ class StabilityReport:
     losses_per_s: tuple[float, ...] = ()
 
     def stability(self, passed: Sequence[tuple[float, bool]]) -> str:
-        """Return it in words: which figures of the state are no matter of its loads alone.
+        """Return the verdict in words; if it is not "stable", the state does not depend on the loads alone.
 
         Args:
             passed: extent of each branching of the phase, and whether it is a snap.
@@ -114,17 +114,49 @@ class StabilityReport:
 @final
 @dataclass(frozen=True)
 class FilmOverlap:
-    """Where films whose contact is not modelled have passed through one another, or into the arm.
+    """An overlap of films with one another or with the arm, whose contact is not modelled.
 
     Args:
-        depth_m: of the deepest point behind the other film; what is deeper than 5 mm is not found, in films
-            of another arm than 20 mm. In a link: of the deepest node.
+        depth_m: of the deepest point behind the other film; overlaps deeper than 5 mm (20 mm for another
+            arm's films) are not found. In a link: of the deepest node.
         place: node nearest to it, and its ring.
-        link: of the arm that the film is in; None where films are in one another.
-        arm: whose films the film is in; None where they are its own.
+        link: of the arm that the film is in; None for an overlap of films.
+        arm: owner of the other film; None for the same robot.
     """
 
     depth_m: float
     place: str
     link: str | None = None
     arm: str | None = None
+
+
+@final
+@dataclass(frozen=True)
+class LowestMode:
+    """The lowest eigenvalue of K v = e W v.
+
+    Args:
+        value: e; of weight 1 in N/m.
+        mode: (n, 3), v; its largest component is 1.
+        place: node that moves most, and its ring, for messages.
+        values: (k,), the lowest eigenvalues, this one first.
+        shapes: (k, n, 3), their v.
+    """
+
+    value: float
+    mode: Array
+    place: str
+    values: tuple[float, ...] = ()
+    shapes: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Unit vector of the motion of the node that moves most; its largest component is positive."""
+        most = self.mode[int(np.argmax(self.mode.max(axis=1)))]
+        x, y, z = (most / np.linalg.norm(most)).tolist()
+        return x, y, z
+
+    @property
+    def extent(self) -> float:
+        """Root mean square of the nodes' motion, of the largest component."""
+        return math.sqrt(float((self.mode**2).sum(axis=1).mean()))

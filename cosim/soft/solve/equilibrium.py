@@ -1,15 +1,5 @@
-"""Static equilibrium of a soft body on a flange, followed from a known one.
+"""Static equilibrium of a soft body on a flange, by continuation from a known one."""
 
-Pseudo-transient continuation: equilibria that Newton's method does not reach, by damped steps that grow.
-
-Each step minimises potential + c |x - x_n|^2 / 2, an implicit step of a body without mass in a viscous bath:
-c = drag / pseudo time. c falls while steps succeed, so that the shape slides from where a branch of
-equilibria ends to the next stable one, where Newton's method proper takes over: what is found is an
-equilibrium of the body alone.
-Source: Kelley and Keyes, SIAM J. Numer. Anal. 35 (1998) 508.
-"""
-
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import final
@@ -22,110 +12,42 @@ from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
-from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve import branching, newton
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, SearchEffort
+from cosim.soft.solve.branch_switching import switch_branch
+from cosim.soft.solve.branching import LowestMode
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.lowest_mode import describe_instability, lowest_mode
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.pseudo_time import slide
+from cosim.soft.solve.search_effort import SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.stability import LowestMode, describe_instability, lowest_mode, switch_branch
-from cosim.soft.solve.state import Clamp, Equilibrium, Obstacles, SoftState
-
-_BED_N_m = 1e3  # c of the first step
-_FALL, _RISE = 0.4, 6.0
-_LEAST_BED_N_m, _LARGEST_BED_N_m = 1e-3, 1e7
-_PROPER_BELOW_N_m = 10.0  # where Newton's method proper is tried
-_ITERATIONS_MAX = 12  # of a step
-_STEPS_MAX = 150
-_UNMOVED_MAX = 400  # iterations that moved nothing, before a slide is given up
-_LESS = 0.5  # of the force out of balance: gets a slide some more patience, see `SearchEffort`
-
-
-def slide(
-    solver: newton.NewtonSolver,
-    start: Array,
-    memory: Array,
-    loads_at: Callable[[Array], Loads],
-    options: NewtonOptions,
-    effort: SearchEffort,
-) -> NewtonResult:
-    """Return the equilibrium that a damped body slides to, or how far it got.
-
-    Args:
-        solver: Newton's method for the body.
-        start: (n, 3) [m], clamped components where they shall be.
-        memory: (values,), what the elements remember of the last accepted state.
-        loads_at: positions (n, 3) [m] -> loads, with what is touched near them.
-        options: bounds of Newton's method.
-        effort: counts the iterations.
-
-    Raises:
-        ConvergenceError: the search took all the iterations that it may.
-    """
-    options = replace(options, reuse_max=0)
-    step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
-    bed, x, spent, lost, shifted = _BED_N_m, start, 0, 0, 0
-    moved, softer, rests = np.inf, False, False
-    least_N, since = np.inf, 0
-    found: NewtonResult | None = None
-    for _ in range(_STEPS_MAX):
-        loads, bounded = loads_at(x), effort.bounded(step)
-        tried = solver.solve(x, memory, loads, bounded, Inertia(np.full(len(x), bed), x))
-        effort.spend(tried)
-        spent, shifted = spent + tried.iterations, shifted + tried.shifted
-        if tried.outcome is Outcome.INDEFINITE and not tried.iterations:
-            break  # shifts larger than any bed were tried here
-        if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
-            bed *= _RISE
-            lost += tried.iterations
-        else:
-            before, moved = moved, float(np.abs(tried.positions - x).max())
-            rests, softer = softer and moved <= before, tried.converged
-            x, memory = tried.positions, tried.memory
-            borne_N = bed * moved  # by the bed: out of balance without it
-            if tried.converged and borne_N < _LESS * least_N:
-                least_N, since = borne_N, spent
-            bed *= _FALL if tried.converged else _RISE
-        # beyond the end of a branch steps grow as the bed softens: no equilibrium is near yet
-        if tried.converged and bed < _PROPER_BELOW_N_m and rests:
-            found = solver.solve(x, memory, loads, effort.bounded(options))
-            effort.spend(found)
-            spent, shifted = spent + found.iterations, shifted + found.shifted
-            if found.converged:
-                break
-            lost += found.iterations
-        bed = max(bed, _LEAST_BED_N_m)
-        if bed > _LARGEST_BED_N_m or lost >= _UNMOVED_MAX or spent - since >= effort.patience:
-            break
-    if found is None:
-        found = solver.solve(x, memory, loads_at(x), effort.bounded(options))
-        effort.spend(found)
-        spent, shifted = spent + found.iterations, shifted + found.shifted
-    return replace(found, iterations=spent, shifted=shifted)
-
+from cosim.soft.solve.sensitivity import Sensitivity
+from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 
 _SPLITS_MAX = 8
-_LOST_MAX = 250  # iterations that led nowhere, on one way, before its pieces are no longer halved
-_WEIGHT_PIECES = 8  # in which a body that is filled without weight gets it
+_FAILED_MAX = 250  # iterations of failed load steps above which load steps are not halved any more
+_WEIGHT_STEPS = 8  # load steps of the weight, for a body that is filled without weight
 _FRICTION_ROUNDS_MAX = 30
 CONTACT_ROUNDS_MAX = 40
-_FOOT_SLACK = 0.02  # more in every round
-_SHRINKS_BELOW = 0.99  # a sequence of shapes that is extrapolated
+_FOOT_SLACK = 0.02  # slack of feet on triangles, added in every round
+_SHRINKS_BELOW = 0.99  # ratio of steps below which a sequence of shapes is extrapolated
 _EXTRAPOLATED_M = 1e-3  # at most
-_STRETCH_MAX = 10.0  # of the film's edges, in the mean; rubber tears sooner
+_STRETCH_MAX = 10.0  # mean stretch of the film's edges; rubber tears earlier
 
 
 @final
 class EquilibriumSolver:
     """Follows equilibria of one body with a given clamp.
 
-    `obstacles` says what the film may touch; None for what the loads name.
+    `obstacles` returns the possible contacts; None to use those in the loads.
 
     Args:
         solver: Newton's method for the body with that clamp.
         clamp: nodes held by the flange.
         options: bounds of the iteration.
-        self_contact: of the body's films with one another; None where it is not modelled.
-        effort: counts the iterations of searches; None: only those of this solver.
-        slides_max: how often, on one way, the body may slide to another branch; see `follow`.
+        self_contact: of the body's films; None if it is not modelled.
+        effort: counts the iterations of searches; None to count those of this solver only.
+        slides_max: number of slides to another branch in one continuation, see `follow`.
     """
 
     def __init__(
@@ -145,55 +67,55 @@ class EquilibriumSolver:
         self.effort = SearchEffort(options.search_iterations_max) if effort is None else effort
         solver.watch = self.effort.watch
         self.obstacles: Obstacles | None = None
-        self._stable: tuple[Array, Loads] | None = None  # the last shape that was seen to be so, under loads
+        self._stable: tuple[Array, Loads] | None = None  # last shape and loads found stable
 
     def solve(
         self, state: SoftState, world_from_flange: Pose, loads: Loads, start: Array | None = None
     ) -> Equilibrium:
-        """Find the equilibrium near a state in one go.
+        """Find the equilibrium near a state without continuation.
 
         Args:
-            state: where it starts; its memory is that of a state near it.
+            state: initial guess; its memory must be of a nearby state.
             world_from_flange: pose of the flange.
             loads: that act.
-            start: (n, 3) [m], better guess of the positions, if there is one.
+            start: (n, 3) [m], better guess of the positions, or None.
 
         Raises:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
         films, here = self.self_contact, (guess, state.memory, world_from_flange, loads)
-        if films is None or not films.waits(state):
+        if films is None or not films.is_deferred(state):
             return self._solve(films, *here)
         found = self._solve(None, *here)
-        if not films.press_at_rest(found.state.positions):
+        if not films.presses_at_rest(found.state.positions):
             return found
         again = self._solve(films, *here)
         return replace(again, iterations=found.iterations + again.iterations)
 
     def out_of_balance(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> float:
-        """Return the largest force [N] that is out of balance in a state, that of films that press included.
+        """Return the largest residual force [N] of a state, with self-contact.
 
         Args:
-            state: any.
-            world_from_flange: pose of the flange, which clamped components are moved to first.
+            state: any state; clamped components are moved to the flange first.
+            world_from_flange: pose of the flange.
             loads: that act.
         """
         film, x = self.solver.film, self.clamp.place(state.positions, world_from_flange)
-        loads, gradient = self._touched(self.self_contact, x, loads), film.gradient.copy()
-        share = film.losses_at(x, loads, state.memory)
-        film.evaluate(x, loads, share, state.memory.copy(), hessian=False)
-        found = float(np.abs(film.gradient[self.solver.free]).max())
+        loads, gradient = self._with_contacts(self.self_contact, x, loads), film.gradient.copy()
+        tensions = film.losses_at(x, loads, state.memory)
+        film.evaluate(x, loads, tensions, state.memory.copy(), hessian=False)
+        residual_N = float(np.abs(film.gradient[self.solver.free]).max())
         film.gradient[:] = gradient
-        return found
+        return residual_N
 
     def _solve(
         self, films: SelfContact | None, guess: Array, memory: Array, world_from_flange: Pose, loads: Loads
     ) -> Equilibrium:
-        """Find the equilibrium near a guess, with contact of films or without."""
+        """Find the equilibrium near a guess, with or without self-contact."""
         frame = world_from_flange.rotation
-        result, loads = self._settle_contacts(films, guess, memory, loads, frame)
-        result = self._settle_friction(result, memory, loads, frame)
+        result, loads = self._solve_contacts(films, guess, memory, loads, frame)
+        result = self._solve_friction(result, memory, loads, frame)
         if not result.converged:
             film = self.solver.film
             raise ConvergenceError(
@@ -214,15 +136,15 @@ class EquilibriumSolver:
         )  # fmt: skip
 
     def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
-        """Return in how many directions the potential falls; None without a potential, or if not asked."""
+        """Return the number of unstable directions; None without a potential, or if checks are off."""
         solver, here = self.solver, (result.positions, result.memory, loads)
-        looks = self.options.sees_saddles and solver.film.conservative
-        if result.negative_pivots is not None or not looks:
+        checks = self.options.checks_stability and solver.film.conservative
+        if result.negative_pivots is not None or not checks:
             return result.negative_pivots
         x, known = result.positions, self._stable
         if known is not None and known[1] is loads and np.array_equal(known[0], x):
             return 0
-        # a factorisation that was kept may be of another shape; the new one serves the next solution
+        # a reused factorisation may be of another shape; the next solution can reuse the new one
         if not solver.factorise(*here, None, frame):
             return solver.negative_pivots(*here)
         self._stable = x, loads
@@ -231,10 +153,10 @@ class EquilibriumSolver:
     def hang(
         self, state: SoftState, world_from_flange: Pose, gravity: tuple[float, float, float]
     ) -> Equilibrium:
-        """Find the first equilibrium of all: hung up without pressure and tension.
+        """Find the first equilibrium, without pressure and tension.
 
         Args:
-            state: near it, such as the drawn shape.
+            state: initial guess, such as the drawn shape.
             world_from_flange: pose of the flange.
             gravity: (3,) [m/s^2], world.
 
@@ -253,12 +175,12 @@ class EquilibriumSolver:
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
 
-        A body that cannot be followed there, as a slack one that has fallen over its own base, is filled
-        without weight first, and then gets its weight piece by piece.
+        If the continuation fails, as for a slack body that has fallen over its base, the body is first filled
+        without weight, which is then added in load steps.
 
         Args:
-            hung: up without pressure and tension, see `hang`.
-            loads: that act in the end.
+            hung: equilibrium without pressure and tension, see `hang`.
+            loads: first loads.
 
         Raises:
             ConvergenceError: none was found.
@@ -276,14 +198,14 @@ class EquilibriumSolver:
         )
 
     def _filled_first(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Return the equilibrium under loads, of the body that gets its weight last."""
+        """Return the equilibrium under loads, with the weight added last."""
         weightless = replace(loads, gravity=(0.0, 0.0, 0.0))
         drawn = SoftState.drawn(self.solver.film.body, world_from_flange)
         here = self.hang(drawn, world_from_flange, weightless.gravity)
         here = self.follow(here, world_from_flange, weightless)
-        for k in range(1, _WEIGHT_PIECES + 1):
-            part = weightless.interpolated(loads, k / _WEIGHT_PIECES)
-            found = self.follow(here, world_from_flange, part)
+        for k in range(1, _WEIGHT_STEPS + 1):
+            partial_loads = weightless.interpolated(loads, k / _WEIGHT_STEPS)
+            found = self.follow(here, world_from_flange, partial_loads)
             here = replace(
                 found,
                 iterations=here.iterations + found.iterations,
@@ -293,47 +215,47 @@ class EquilibriumSolver:
         return here
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Follow an equilibrium to another flange pose and other loads, in as few pieces as it takes.
+        """Follow an equilibrium to another flange pose and other loads, in as few load steps as possible.
 
-        The body is first carried rigidly with the flange. A piece that does not converge is halved. Where
-        even the smallest does not, or too many iterations led nowhere, the body slides on to where it comes
-        to rest: the work is bounded, and pieces that would never arrive are given up soon.
+        In each load step the body is first moved rigidly with the flange. A load step that does not converge
+        is halved. If the smallest one does not converge, or too many iterations have failed, the body slides
+        to the next equilibrium, so that the work is bounded.
 
         Args:
-            begin: where to start.
-            world_from_flange: wanted pose of the flange.
-            loads: wanted loads.
+            begin: start.
+            world_from_flange: pose of the flange at the end.
+            loads: at the end.
 
         Raises:
-            ConvergenceError: a piece of 1/256 of the way, or what many iterations were lost on, did not
-                converge, nor did the slide from there; or the search took all the iterations that it may.
+            ConvergenceError: neither the load step (of 1/256, or after too many failed iterations) nor the
+                slide converged; or the search reached its bound of iterations.
         """
         with self.effort.search("an equilibrium"):
             return self._follow(begin, world_from_flange, loads)
 
     def _follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        here, done, piece, spent, slides, lost = begin, 0.0, 1.0, 0, 0, 0
+        here, done, load_step, spent, slides, failed = begin, 0.0, 1.0, 0, 0, 0
         branchings: tuple[branching.Branching, ...] = ()
         while done < 1.0:
-            load_factor = min(1.0, done + piece)
+            load_factor = min(1.0, done + load_step)
             pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
             load = begin.loads.interpolated(loads, load_factor)
             state = here.state.carried(pose @ here.world_from_flange.inverse())
-            self.effort.tries(load.cable_tension_N, done, load_factor)
+            self.effort.set_progress(load.cable_tension_N, done, load_factor)
             try:
                 found = self.switch_branch(here, self.solve(state, pose, load))
             except ConvergenceError as error:
-                spent, lost = spent + error.iterations, lost + error.iterations
-                if piece > 0.5**_SPLITS_MAX and lost < _LOST_MAX:
-                    piece = 0.5 * min(piece, 1.0 - done)
+                spent, failed = spent + error.iterations, failed + error.iterations
+                if load_step > 0.5**_SPLITS_MAX and failed < _FAILED_MAX:
+                    load_step = 0.5 * min(load_step, 1.0 - done)
                     continue
                 if slides == self.slides_max:
-                    raise _given_up(error, done, spent) from None
+                    raise _with_progress(error, done, spent) from None
                 try:
                     found = self.switch_branch(here, self.slide(state, pose, load))
-                    slides, piece = slides + 1, 1.0
+                    slides, load_step = slides + 1, 1.0
                 except ConvergenceError as last:
-                    raise _given_up(last, done, spent + last.iterations) from None
+                    raise _with_progress(last, done, spent + last.iterations) from None
             branchings += tuple(
                 replace(each, load_factor=done + each.load_factor * (load_factor - done))
                 for each in found.branchings
@@ -343,7 +265,7 @@ class EquilibriumSolver:
         return replace(here, iterations=spent, slides=slides, branchings=branchings)
 
     def _check_stretch(self, here: Equilibrium, spent: int) -> None:
-        """Refuse a film that is stretched as no film can be, before anything is searched for with it."""
+        """Raise if the film is stretched beyond what any film can bear, before the search goes on."""
         (edges, drawn), x = self._drawn_edges, here.state.positions
         along = x[edges[:, 1]] - x[edges[:, 0]]
         length = float(np.sqrt(np.einsum("er,er->e", along, along)).sum())
@@ -357,47 +279,53 @@ class EquilibriumSolver:
 
     @cached_property
     def _drawn_edges(self) -> tuple[IntArray, float]:
-        """Two edges (e, 2) of every triangle, and how long [m] all of them are together as drawn."""
+        """Two edges (e, 2) of every triangle, and their total length [m] as drawn."""
         triangles, drawn = self.body.triangles, self.body.positions
         edges = np.concatenate((triangles[:, :2], triangles[:, 1:]))
         return edges, float(np.linalg.norm(drawn[edges[:, 1]] - drawn[edges[:, 0]], axis=1).sum())
 
     def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
-        """Return a stable equilibrium in place of one that is not, see `stability.switch_branch`."""
+        """Return a stable equilibrium in place of an unstable one, see `branch_switching.switch_branch`."""
         return switch_branch(self, begin, found)
 
     @property
     def body(self) -> SoftBody:
-        """Whose equilibria they are."""
+        """The body."""
         return self.solver.film.body
 
-    def lowest_mode(self, here: Equilibrium) -> LowestMode:
-        """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
-        return lowest_mode(self.solver, here.state, here.loads, here.world_from_flange.rotation)
+    def sensitivity(self, equilibrium: Equilibrium) -> Sensitivity:
+        """Return the sensitivity of the tip at an equilibrium, see `Sensitivity`."""
+        return Sensitivity(self.solver, equilibrium)
 
-    def describe_instability(self, here: Equilibrium, lowest: LowestMode) -> branching.Branching:
-        """Return what is known of an equilibrium that gives way along a mode by itself."""
+    def lowest_mode(self, equilibrium: Equilibrium) -> LowestMode:
+        """Return the lowest eigenvalue of the tangent stiffness at an equilibrium, and its mode."""
+        frame = equilibrium.world_from_flange.rotation
+        return lowest_mode(self.solver, equilibrium.state, equilibrium.loads, frame)
+
+    def describe_instability(self, equilibrium: Equilibrium, lowest: LowestMode) -> branching.Branching:
+        """Return the description of an unstable equilibrium, with its lowest mode."""
+        here = equilibrium
         return describe_instability(
             self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0)
         )
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        """Find the equilibrium that a damped body slides to, however far from a state: the last resort.
+        """Find the equilibrium that a damped body slides to, which may be far from the state.
 
         Args:
-            state: where it starts.
+            state: start.
             world_from_flange: pose of the flange.
             loads: that act.
 
         Raises:
-            ConvergenceError: it comes to rest nowhere.
+            ConvergenceError: the slide found no equilibrium.
         """
         films = self.self_contact
-        if films is None or not films.waits(state):
+        if films is None or not films.is_deferred(state):
             return self._slide(films, state, world_from_flange, loads)
         try:
             found = self._slide(None, state, world_from_flange, loads)
-            if not films.press_at_rest(found.state.positions):
+            if not films.presses_at_rest(found.state.positions):
                 return found
         except ConvergenceError:
             if films.static_pairs(state.positions) is None:
@@ -407,11 +335,11 @@ class EquilibriumSolver:
     def _slide(
         self, films: SelfContact | None, state: SoftState, world_from_flange: Pose, loads: Loads
     ) -> Equilibrium:
-        """Slide with contact of films or without."""
+        """Slide with or without self-contact."""
         start = self.clamp.place(state.positions, world_from_flange)
-        self.effort.trying = "sliding to where it comes to rest"
+        self.effort.activity = "sliding to where it comes to rest"
         slid = slide(
-            self.solver, start, state.memory, lambda x: self._touched(films, x, loads), self.options,
+            self.solver, start, state.memory, lambda x: self._with_contacts(films, x, loads), self.options,
             self.effort,
         )  # fmt: skip
         try:
@@ -422,8 +350,8 @@ class EquilibriumSolver:
             raise
         return replace(rest, iterations=slid.iterations + rest.iterations, slides=1)
 
-    def _touched(self, films: SelfContact | None, positions: Array, loads: Loads) -> Loads:
-        """Return the loads with what is touched near given positions."""
+    def _with_contacts(self, films: SelfContact | None, positions: Array, loads: Loads) -> Loads:
+        """Return the loads with the possible contacts near given positions."""
         obstacles = self.obstacles
         planes = loads.contact if obstacles is None else obstacles(positions)
         pairs = None if films is None else films.static_pairs(positions, None, 0.0)
@@ -435,28 +363,28 @@ class EquilibriumSolver:
         self.effort.spend(result)
         return result
 
-    def _settle_contacts(
+    def _solve_contacts(
         self, films: SelfContact | None, start: Array, memory: Array, loads: Loads, frame: Array
     ) -> tuple[NewtonResult, Loads]:
-        """Solve, and repeat while something else is touched than what was found before the solution.
+        """Solve, and repeat while the contacts at the solution differ from those it was solved with.
 
-        What elements look at again as a solution begins is seen again at its end by that as well.
+        Element data that is updated at the start of a solution is updated by these rounds as well.
 
         Returns:
-            The solution, and the loads with the contacts it was found with.
+            The solution, and the loads with its contacts.
 
         Raises:
             ConvergenceError: the contacts keep changing.
         """
         obstacles = self.obstacles
-        if films is None and loads.self_contact is not None:  # of an equilibrium before
+        if films is None and loads.self_contact is not None:  # of an earlier equilibrium
             loads = replace(loads, self_contact=None)
         if films is None and obstacles is None and not self.solver.film.freshens:
             return self._newton(start, memory, loads, frame), loads
         pairs, spent, shifted, trail, ways = None, 0, 0, [], None
         for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
-                # a foot at the edge of two triangles could change sides for ever: it sticks more and more
+                # a foot at the edge of two triangles could change sides for ever, so its slack grows
                 pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
             planes = loads.contact if obstacles is None else obstacles(start)
             loads = replace(loads, contact=planes, self_contact=pairs)
@@ -470,20 +398,20 @@ class EquilibriumSolver:
             memory = self.solver.film.unslid(result.memory, memory)
             if obstacles is not None or self.solver.film.slides:
                 trail.append(start)
-                start = end_of(trail)
+                start = extrapolate(trail)
                 ways = ways if start is result.positions else None
         near = 0 if planes is None else len(planes.nodes)
         raise ConvergenceError(
-            f"no equilibrium found: the touched places still change after {CONTACT_ROUNDS_MAX} rounds, "
+            f"no equilibrium found: the contacts still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(pairs or ())} pairs of films, {near} points near obstacles; try smaller increments",
             result.residual_N,
             spent,
         )
 
-    def _settle_friction(
+    def _solve_friction(
         self, result: NewtonResult, accepted: Array, loads: Loads, frame: Array
     ) -> NewtonResult:
-        """Repeat while losses along the cables change with the shape: friction has no potential."""
+        """Repeat the solution while losses along the cables change with the shape (no potential)."""
         film, cables = self.solver.film, self.solver.film.body.cables
         friction = any(cable.friction_coefficient for cable in cables) or film.slides
         if not friction and not losses_follow(cables, loads.cable_length_m):
@@ -498,26 +426,25 @@ class EquilibriumSolver:
             result = replace(again, iterations=spent, shifted=shifted)
             if settled:
                 return result
-        # between sticking and slipping rounds may go in circles: a smaller piece of the way does not
+        # rounds may alternate between sticking and slipping; a smaller load step does not
         return replace(result, outcome=Outcome.ITERATION_LIMIT) if film.slides else result
 
 
-def _given_up(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
-    """Return an error that also says how far a body was followed, and with how many iterations, if any."""
+def _with_progress(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
+    """Return an error with the load factor reached and the iterations spent, if any, in its message."""
     if not spent:
         return error
     message = f"{error}; followed over {100.0 * done:.3g} % of the way, given up after {spent} iterations"
     return ConvergenceError(message, error.residual_N, spent)
 
 
-def end_of(trail: list[Array]) -> Array:
-    """Return where a sequence of shapes goes, whose steps shrink by one factor r: x + d r / (1 - r) (Aitken).
+def extrapolate(trail: list[Array]) -> Array:
+    """Return the limit of a sequence of shapes whose steps shrink by r: x + d r / (1 - r) (Aitken).
 
-    On a curved obstacle, whose tangent planes move with the film, the rounds converge like that. A sequence
-    that was extrapolated starts again.
+    On a curved obstacle, whose tangent planes move with the film, the rounds converge linearly like that.
 
     Args:
-        trail: the shapes (n, 3) [m] so far; emptied when it is extrapolated.
+        trail: the shapes (n, 3) [m] so far; emptied after an extrapolation.
     """
     if len(trail) < 3:
         return trail[-1]

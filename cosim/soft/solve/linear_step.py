@@ -1,13 +1,14 @@
 """One implicit step of a body as a matrix, about a shape at rest, in any coordinates z (m,) of its motion.
 
-Some of z are held by the flange. With the scheme of `state`, base and speed from the last one or two states
-and the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u) of inertia, the free ones end where
+Some of z are held by the flange. With the scheme of `step_scheme`, base and speed from the last one or two
+states, and the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u) of inertia, the free ones end
+at
 
     (K + D / s + c M) z' = c M y + D base / s - G du - (held columns) R df,     rate' = (z' - base) / s,
 
-K the tangent with sealed gas and commanded lengths in it, M the mass, D what materials resist rates of strain
-with, R df the held coordinates on the moved flange, G the gradient's derivative by pressures and tensions. At
-rest a point and its target agree, so inertia has no geometric stiffness. Losses along cables are held.
+with K the tangent including sealed gas and commanded lengths, M the mass, D the viscous losses of materials,
+R df the held coordinates on the moved flange, and G the gradient's derivative by pressures and tensions. At
+rest a point and its target coincide, so inertia has no geometric stiffness. Losses along cables are frozen.
 """
 
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.base.frames import Array, Mask
-from cosim.soft.solve.step_begin import BedNumbers
+from cosim.soft.solve.step_prediction import StepCoefficients
 
 LoadName: TypeAlias = tuple[str, int]
 
@@ -25,14 +26,14 @@ LoadName: TypeAlias = tuple[str, int]
 @final
 @dataclass(frozen=True)
 class LinearStep:
-    """How a step of a body ends by how it begins, to first order.
+    """A linearised step of a body.
 
     The state is z, its rate and, with two-step integrators, both one step before.
 
     Args:
-        matrix: (states + 18, states + 6 + loads), by the state, the flange's motion (dr, phi) up to the end,
-            and the loads at the end; the last rows are the wrench on the flange, centre and inertia.
-        loads: what those are, and of which chamber or cable: ("pressure_Pa", 0), ("cable_tension_N", 1).
+        matrix: (states + 18, states + 6 + loads). Columns: the state, the flange's motion (dr, phi) up to the
+            end, the loads at the end. Rows: the next state, then wrench on the flange, centre and inertia.
+        loads: name and index of chamber or cable of each: ("pressure_Pa", 0), ("cable_tension_N", 1).
         tip: (3, m + loads), the tip's position by z and loads at the same instant.
         nodes: (n, 3, m), the film's nodes by z.
     """
@@ -51,16 +52,16 @@ class LinearStep:
 @final
 @dataclass(frozen=True)
 class RestingBody:
-    """What a body at rest is to first order, in coordinates z (m,).
+    """A linearised body at rest, in coordinates z (m,).
 
     Args:
         stiffness: K (m, m).
         mass: M (m, m).
         losses: D (m, m), of materials.
-        carried: R (m, 6): z of a body that goes along with the flange.
+        carried: R (m, 6): z of a body that moves with the flange.
         slopes: G (m, loads).
         held: (m,), which coordinates the flange holds.
-        supplied: gradient (m, columns), and z (m, columns) -> change (6, columns) of its supply.
+        supplied: gradient (m, columns), and z (m, columns) -> change (6, columns) of the flange's reaction.
         moments: (12, m), centre and inertia of the mass by z.
         loads: see `LinearStep`.
         tip: see `LinearStep`.
@@ -79,33 +80,33 @@ class RestingBody:
     tip: Array
     nodes: Array
 
-    def linear_step(self, bed: BedNumbers) -> LinearStep:
+    def linear_step(self, coefficients: StepCoefficients) -> LinearStep:
         """Return the step.
 
         Args:
-            bed: numbers of inertia and losses in it.
+            coefficients: of the step.
         """
-        size, carried, held, span = len(self.held), self.carried, self.held, bed.span
-        count = size * (4 if bed.two_steps else 2)
+        size, carried, held, span = len(self.held), self.carried, self.held, coefficients.span
+        count = size * (4 if coefficients.two_steps else 2)
         columns = np.eye(count + 6 + len(self.loads))
         begin = [columns[k * size : (k + 1) * size] for k in range(count // size)]
         flange, loads = columns[count : count + 6], columns[count + 6 :]
         place = np.linalg.pinv(carried[held])  # of the flange, by what it holds
         base, speed = begin[0], begin[1]
         along = carried @ (flange - place @ begin[0][held]) / span
-        if bed.two_steps:
+        if coefficients.two_steps:
             base, speed = (
                 (4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3]))
             )
             along = (4.0 * along - carried @ (flange - place @ begin[2][held]) / span) / 3.0
-        target = base + bed.factor * (speed + bed.share * along)
-        inertia, losses = self.mass / (bed.factor * span), self.losses / span
+        target = base + coefficients.factor * (speed + coefficients.alpha_s * along)
+        inertia, losses = self.mass / (coefficients.factor * span), self.losses / span
         tangent = self.stiffness + losses + inertia
         end, rest = carried @ flange, self.slopes @ loads - inertia @ target - losses @ base
         pushed = tangent[np.ix_(~held, held)] @ end[held] + rest[~held]
         end[~held] = -np.linalg.solve(tangent[np.ix_(~held, ~held)], pushed)
         rate = (end - base) / span
-        dragged = bed.share / span * (carried.T @ (self.mass @ (rate - along)))
+        dragged = coefficients.alpha_s / span * (carried.T @ (self.mass @ (rate - along)))
         wrench = dragged - self.supplied(tangent @ end + rest, end)
         rows = np.concatenate([end, rate, *begin[:2]])[:count]
         matrix = np.concatenate([rows, wrench, self.moments @ end])

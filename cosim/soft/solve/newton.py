@@ -1,9 +1,9 @@
 """Newton's method with exact tangents on the potential of a film: statics and implicit steps alike.
 
-Each iteration solves (K + mu 1) d = -gradient. Iterations with the factorisation that is there come first:
-they cost a tenth, and are undone where the residual does not fall. Then a new tangent is made at the last
-point that serves; mu is zero while K is positive definite (inertia correction). The step along it is halved
-until the potential falls, or, for loads without one, the work of the out-of-balance force along the step.
+Each iteration solves (K + mu 1) d = -gradient. Iterations that reuse the last factorisation come first: they
+cost a tenth, and are undone if the residual does not fall. Then a new tangent is factorised at the last
+accepted point; mu is zero while K is positive definite (inertia correction). The step is halved until the
+potential falls, or, for loads without a potential, the work of the residual along the step.
 Source: Nocedal and Wright, Numerical Optimization, 2nd ed., sections 3.4 and 3.5.
 """
 
@@ -23,22 +23,24 @@ from cosim.soft.film.film import FilmLoads, FilmPotential
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.linear.cholesky import EnvelopeCholesky, cholesky
 from cosim.soft.linear.definite import DefiniteTangent
-from cosim.soft.linear.factor import Factor, KeptFactor
+from cosim.soft.linear.factor import Factor, FactorKey
 from cosim.soft.linear.linear_solver import FactorState, LinearSolver, Tangent, by_component, negative_pivots
 from cosim.soft.linear.pattern import BlockPattern, check_widened
 from cosim.soft.linear.secant_pairs import FAR
 from cosim.soft.linear.vectors import advance, largest_residual, work_along
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome, TickWork, say_nothing
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.search_effort import say_nothing
+from cosim.soft.solve.tick_work import TickWork
 
 _MUCH_LESS: Final = 0.1
-"""Fraction of a residual to which a step has to bring it that does not lower the potential."""
+"""Fraction to which a step must reduce the residual if it does not lower the potential."""
 _ARMIJO: Final = 1e-4
-_ROUNDING: Final = 1e-13  # of a potential: what rounding can hide in a sum of terms of its size
+_ROUNDING: Final = 1e-13  # rounding error of a potential, relative to 1 J plus its size
 _STRAIGHT: Final = np.eye(3)
 
 
 class Evaluation(NamedTuple):
-    """A point that was evaluated.
+    """Potential and residual at a point.
 
     Args:
         energy: potential [J].
@@ -56,14 +58,15 @@ class Evaluation(NamedTuple):
 
 @final
 class Problem:
-    """What is solved: a film under what acts on it, of which some components are free.
+    """A film's potential under loads, to be minimised over its free components.
 
     Args:
-        film: whose potential.
-        acting: on it.
+        film: potential of the film.
+        acting: loads on it.
         free: (n, 3) bool, components that move.
-        kind: tells apart tangents that cannot replace each other: statics, or the step's inertia.
-        frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
+        kind: a number that identifies tangents that can replace each other: 0 in statics, else of the step's
+            inertia term.
+        frame: (3, 3), rotation of the flange; a reused factorisation turns with it.
     """
 
     def __init__(self, film: FilmPotential, acting: FilmLoads, free: Mask, kind: float, frame: Array) -> None:
@@ -75,9 +78,9 @@ class Problem:
         energy = film.sum_gradient(x, self.acting)
         return Evaluation(energy, unchecked(largest_residual)(x, film.gradient, self.free))
 
-    def tangent(self, x: Array, serving: BlockPattern) -> Tangent:
-        """Return the tangent at x (n, 3) [m], in a pattern that served before where that still fits."""
-        self.film.serving = serving
+    def tangent(self, x: Array, last_pattern: BlockPattern) -> Tangent:
+        """Return the tangent at x (n, 3) [m], in the last pattern if that still fits."""
+        self.film.reusable_pattern = last_pattern
         self.film.sum_tangent(x, self.acting)
         return self.film.tangent
 
@@ -85,17 +88,17 @@ class Problem:
 @final
 @dataclass
 class NewtonProgress:
-    """Where a solution is.
+    """State of a solution by Newton's method.
 
     Args:
         energy: [J].
         residual: [N].
         outcome: how it has ended.
-        reused: iterations with a factorisation that was there.
-        tangents: the same with a new one.
-        failed: factorisations that found a tangent indefinite.
+        reused: iterations with a reused factorisation.
+        tangents: iterations with a new one.
+        failed: factorisations that found an indefinite tangent.
         shifted: tangents that were indefinite.
-        run: iterations with the last factorisation.
+        run: consecutive iterations with the last factorisation.
     """
 
     energy: float
@@ -108,17 +111,17 @@ class NewtonProgress:
     run: int = 0
 
     def ended(self, outcome: Outcome) -> "NewtonProgress":
-        """Return itself, with an outcome."""
+        """Set the outcome, and return itself."""
         self.outcome = outcome
         return self
 
     @property
     def iterations(self) -> int:
-        """Of both kinds."""
+        """Number of iterations with reused and new factorisations."""
         return self.reused + self.tangents
 
     def result(self, x: Array, memory: Array) -> NewtonResult:
-        """Return how it has ended, at x (n, 3) [m] with the memory (values,) of the elements there."""
+        """Return the result at x (n, 3) [m], with the memory (values,) of the elements there."""
         return NewtonResult(
             x, memory, self.outcome, self.residual, self.iterations, self.tangents + self.failed, self.energy,
             self.shifted, failed=self.failed,
@@ -130,18 +133,18 @@ def newton(
     x: Array,
     factor: Factor,
     options: NewtonOptions,
-    tell: Callable[[NewtonProgress], None] = say_nothing,
+    watch: Callable[[NewtonProgress], None] = say_nothing,
     began: Evaluation | None = None,
 ) -> NewtonProgress:
     """Bring x to a stationary point of the potential.
 
     Args:
-        problem: what is solved.
-        x: (n, 3) [m], where it starts; changed.
-        factor: used, and made again where it does not serve.
+        problem: to solve.
+        x: (n, 3) [m], initial guess; overwritten with the solution.
+        factor: reused while it converges, then renewed.
         options: bounds.
-        tell: told how far it is after each new tangent.
-        began: at x, where that was evaluated last.
+        watch: called with the progress after each new tangent.
+        began: evaluation at x, if x was evaluated last.
     """
     done = NewtonProgress(*(began or problem.evaluate(x)))
     if not (math.isfinite(done.energy) and math.isfinite(done.residual)):
@@ -150,34 +153,34 @@ def newton(
     if done.residual < options.start_tolerance_N:
         return done
     while not search.reuse_factor():
-        search.go_back()
+        search.restore()
         if done.tangents >= options.iterations_max:
             return done.ended(Outcome.ITERATION_LIMIT)
         if not search.make_factor():  # shifted until positive definite
             return done.ended(Outcome.INDEFINITE)
         tried = search.line_search()
         if tried is None:
-            search.go_back()
+            search.restore()
             return done.ended(Outcome.NO_DESCENT)
         done.tangents, done.run = done.tangents + 1, 0
         if search.accept(tried):
             return done
-        tell(done)
+        watch(done)
     return done
 
 
 @final
 class _NewtonSearch:
-    """The last point that serves, and the ways from there.
+    """The last accepted point, and the trial steps from it.
 
-    Elements count from what they tracked at that point, `FilmPotential.before`.
+    Internal variables of elements at that point are in `FilmPotential.before`.
 
     Args:
-        problem: what is solved, evaluated at x.
-        x: (n, 3) [m], the point that is tried.
+        problem: to solve, evaluated at x.
+        x: (n, 3) [m], the trial point.
         factor: of a tangent.
         options: bounds.
-        done: where the solution is; kept up to date.
+        done: progress, updated here.
     """
 
     def __init__(
@@ -185,69 +188,78 @@ class _NewtonSearch:
     ) -> None:
         self._problem, self._film, self._factor = problem, problem.film, factor
         self._x, self._options, self._done = x, options, done
-        self._here, self._gradient, self._step = x.copy(), self._film.gradient.copy(), np.empty_like(x)
+        self._accepted_x, self._accepted_gradient, self._step = (
+            x.copy(),
+            self._film.gradient.copy(),
+            np.empty_like(x),
+        )
         np.copyto(self._film.before, self._film.memory)
         factor.begin()
 
     def accept(self, tried: Evaluation) -> bool:
-        """Let the point that was tried be the one that serves; return whether that is all."""
+        """Accept the trial point; return whether the solution has converged."""
         film, done = self._film, self._done
         done.energy, done.residual = tried
-        np.copyto(self._here, self._x)
-        np.copyto(self._gradient, film.gradient)
+        np.copyto(self._accepted_x, self._x)
+        np.copyto(self._accepted_gradient, film.gradient)
         np.copyto(film.before, film.memory)
         return done.residual < self._options.tolerance_N
 
-    def go_back(self) -> None:
-        """Return to the last point that serves."""
-        np.copyto(self._x, self._here)
+    def restore(self) -> None:
+        """Return to the last accepted point."""
+        np.copyto(self._x, self._accepted_x)
         np.copyto(self._film.memory, self._film.before)
 
     def reuse_factor(self) -> bool:
-        """Iterate with the factorisation that is there, as long as it serves; return whether that is all."""
-        again, factor, done = False, self._factor, self._done
+        """Iterate with the last factorisation while the residual falls; return whether it has converged."""
+        repeated, factor, done = False, self._factor, self._done
         while self._may_reuse():
-            unchecked(advance)(self._here, 1.0, self._step, self._x)
+            unchecked(advance)(self._accepted_x, 1.0, self._step, self._x)
             tried = self._problem.evaluate(self._x)
-            shows = self._shows(tried)
-            if self._serves(tried):
-                again, done.reused, done.run = False, done.reused + 1, done.run + 1
+            learnt = self._learn_secant(tried)
+            if self._is_better(tried):
+                repeated, done.reused, done.run = False, done.reused + 1, done.run + 1
                 if self.accept(tried):
                     factor.count_extra(done.run)
                     return True
-            elif again or not shows:
+            elif repeated or not learnt:
                 break
             else:
-                again = True  # once more from there, by what the step has shown
+                repeated = True  # once more from the same point, with the secant of the failed step
         factor.count_extra(done.run)
         return False
 
     def _may_reuse(self) -> bool:
-        """Return whether one more iteration with the factorisation may serve; fill its step."""
+        """Return whether one more iteration with the factorisation is allowed; fill its step."""
         options, problem, done = self._options, self._problem, self._done
-        if not self._factor.serves(problem.kind) or done.reused >= options.reuse_max:
+        if not self._factor.is_usable_for(problem.kind) or done.reused >= options.reuse_max:
             return False
         if not done.residual < options.reuse_below_N:
             return False
         first = problem.acting.moving and not done.reused  # the rounding of further ones may add up
         return (
-            self._factor.step(self._gradient, problem.frame, self._step, roughly=first) <= options.step_max_m
+            self._factor.step(self._accepted_gradient, problem.frame, self._step, roughly=first)
+            <= options.step_max_m
         )
 
-    def _shows(self, tried: Evaluation) -> bool:
-        """Take in what a step has shown of the tangent; return whether it has shown something."""
+    def _learn_secant(self, tried: Evaluation) -> bool:
+        """Add the secant of a step to the factorisation; return whether it was usable."""
         near = tried.finite and tried.residual <= FAR * self._done.residual
         film = self._film
-        return near and film.conservative and self._factor.show(self._step, self._gradient, film.gradient)
+        return (
+            near
+            and film.conservative
+            and self._factor.add_secant(self._step, self._accepted_gradient, film.gradient)
+        )
 
-    def _serves(self, tried: Evaluation) -> bool:
-        """Return whether the residual has fallen; rounding may keep it from that below its own bound."""
+    def _is_better(self, tried: Evaluation) -> bool:
+        """Return whether the residual has fallen enough, or is below its bound."""
         options = self._options
         falls = tried.residual <= options.reuse_rate * self._done.residual
         return tried.finite and (falls or tried.residual < options.tolerance_N)
 
     def make_factor(self) -> bool:
-        """Factorise the tangent at the last point that serves; return whether that is possible."""
+        """Factorise the tangent at the last accepted point; return whether that is possible."""
         problem, options, done = self._problem, self._options, self._done
         tangent = problem.tangent(self._x, self._factor.pattern)
         shifts = options.shift_start_N_m, options.shift_max_N_m
@@ -257,13 +269,13 @@ class _NewtonSearch:
         return attempts > 0
 
     def line_search(self) -> Evaluation | None:
-        """Halve the step along a new tangent until it serves; None where no fraction of it does."""
+        """Halve the step of a new tangent until the potential falls; None if it never does."""
         problem, film, options, step = self._problem, self._film, self._options, self._step
         longest = self._factor.step(film.gradient, problem.frame, step)
         slope = work_along(film.gradient, step)
         fraction = options.step_max_m / longest if longest > options.step_max_m else 1.0
         for _ in range(options.halvings_max):
-            advance(self._here, fraction, step, self._x)
+            advance(self._accepted_x, fraction, step, self._x)
             tried = problem.evaluate(self._x)
             much_less = tried.residual < _MUCH_LESS * self._done.residual
             if self._descends(tried, fraction, slope) or (math.isfinite(tried.energy) and much_less):
@@ -272,10 +284,10 @@ class _NewtonSearch:
         return None
 
     def _descends(self, tried: Evaluation, fraction: float, slope: float) -> bool:
-        """Return whether a fraction of a step along which the potential falls by slope [J] serves.
+        """Return whether a fraction of a step with slope [J] lowers the potential sufficiently.
 
-        Without a potential the work of what is out of balance counts, of which a short step takes little
-        away. Source: Crisfield, Int. J. Numer. Meth. Eng. 19 (1983) 1269.
+        Without a potential, the work of the residual along the step must fall; a short step reduces it
+        little. Source: Crisfield, Int. J. Numer. Meth. Eng. 19 (1983) 1269.
         """
         if self._film.conservative:
             before = self._done.energy
@@ -288,17 +300,17 @@ class _NewtonSearch:
 @final
 @dataclass(frozen=True)
 class NewtonState:
-    """What a solver carries from one solution to the next: kept factors change the iterates.
+    """State that a solver carries from one solution to the next: reused factors change the iterates.
 
     Args:
-        kept: what the factorisation was made for; None where none is kept.
-        factor: the factorisation; None where none is kept.
+        key: problem of the factorisation; None without one.
+        factor: the factorisation; None without one.
         gradient: (n, 3) [N], at the last solution.
-        wide: pattern of the factorisation where films touched one another; None for the body's own.
-        definite: last static tangent that was seen to be so; None for none.
+        wide: pattern of the factorisation with self-contact; None for the body's pattern.
+        definite: last static tangent that was positive definite; None for none.
     """
 
-    kept: KeptFactor | None
+    key: FactorKey | None
     factor: FactorState | None
     gradient: Annotated[Array, ("nodes", 3)]
     wide: BlockPattern | None = None
@@ -310,12 +322,12 @@ class NewtonSolver:
     """Newton's method for one body with given clamped nodes or components; owns the factorisation.
 
     Args:
-        film: what is solved.
-        clamped: (n,) bool, nodes whose positions are given, or (n, 3) bool, world components that are
-            given: a node on a plane of symmetry has one.
-        symmetric: whether it takes the symmetric part of a tangent that is not, to see whether it is positive
-            definite; solutions take the whole.
-        like: one with the same body and clamp, whose order of elimination is taken over.
+        film: potential of the body.
+        clamped: (n,) bool, nodes with prescribed positions, or (n, 3) bool, prescribed world components: a
+            node on a plane of symmetry has one.
+        symmetric: whether to factorise the symmetric part of an unsymmetric tangent, to check whether it is
+            positive definite; solutions need the whole tangent.
+        like: solver with the same body and clamp, whose elimination order is reused.
     """
 
     def __init__(
@@ -333,7 +345,7 @@ class NewtonSolver:
             self._solver_for, film.pattern, self.free, None if like is None else like.factor
         )
         self._definite: DefiniteTangent | None = None
-        self.watch: Callable[[int], None] = say_nothing  # told the iterations so far
+        self.watch: Callable[[int], None] = say_nothing  # called with the number of iterations
         self.tick_work: TickWork | None = None  # counts the iterations of time steps
 
     @property
@@ -349,11 +361,11 @@ class NewtonSolver:
         inertia: Inertia | None = None,
         frame: Array | None = None,
     ) -> Problem:
-        """Return the problem whose losses along cables are frozen at x; elements count from a memory.
+        """Return the problem with losses along cables frozen at x.
 
         Args:
             x: (n, 3) [m].
-            memory: (values,), what the elements remember of the last accepted state.
+            memory: (values,), internal variables of the elements at the last accepted state.
             loads: that act.
             inertia: of an implicit step; None in statics.
             frame: (3, 3), rotation of the flange.
@@ -367,20 +379,20 @@ class NewtonSolver:
     def run(
         self, problem: Problem, x: Array, options: NewtonOptions, began: Evaluation | None = None
     ) -> NewtonProgress:
-        """Bring x to where the gradient vanishes; see `newton`.
+        """Solve a problem, see `newton`.
 
         Args:
-            problem: what is solved.
-            x: (n, 3) [m], where it starts; changed.
+            problem: to solve.
+            x: (n, 3) [m], initial guess; overwritten with the solution.
             options: bounds.
-            began: at x, where that was evaluated last.
+            began: evaluation at x, if x was evaluated last.
 
         Raises:
             TickWorkError: the tick has taken too many iterations.
         """
         counted, moving = 0, problem.acting.inertia is not None
 
-        def tell(done: NewtonProgress) -> None:
+        def watch(done: NewtonProgress) -> None:
             nonlocal counted
             self.watch(done.iterations)
             if self.tick_work is not None and moving:
@@ -388,7 +400,7 @@ class NewtonSolver:
                 spent, counted = done.tangents + done.failed - counted, done.tangents + done.failed
                 self.tick_work.spend(weight * spent, done.residual)
 
-        return newton(problem, x, self.factor, options, tell, began)
+        return newton(problem, x, self.factor, options, watch, began)
 
     def solve(
         self,
@@ -401,16 +413,16 @@ class NewtonSolver:
     ) -> NewtonResult:
         """Find the stationary point of the potential near `start`.
 
-        In statics what elements find by themselves is looked for again: a ring of beams on a saddle would
-        stay there otherwise; in motion it is left by itself.
+        In statics internal solutions of elements restart: a ring of beams on a saddle would stay there
+        otherwise; in motion it leaves the saddle.
 
         Args:
-            start: (n, 3) [m], clamped nodes and components where they shall be.
-            memory: (values,), what the elements remember of the last accepted state.
+            start: (n, 3) [m], with clamped nodes and components at their prescribed positions.
+            memory: (values,), internal variables of the elements at the last accepted state.
             loads: pressure, tension, gravity.
             options: bounds.
             inertia: of an implicit step; None in statics.
-            frame: (3, 3), rotation of the flange; a factorisation that is kept turns with it.
+            frame: (3, 3), rotation of the flange; a reused factorisation turns with it.
         """
         film, x = self.film, np.array(start, order="C")
         moving = inertia is not None and inertia.step_s < math.inf and not inertia.closely
@@ -418,36 +430,36 @@ class NewtonSolver:
         done = self.run(problem, x, options)
         if done.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             problem.evaluate(x)
-        found = done.result(x, film.memory.copy())
+        result = done.result(x, film.memory.copy())
         if (
             inertia is None
             and film.conservative
-            and found.converged
+            and result.converged
             and self._stays_definite(problem, done, start, x)
         ):
-            return replace(found, negative_pivots=0)
-        return found
+            return replace(result, negative_pivots=0)
+        return result
 
     def _stays_definite(self, problem: Problem, done: NewtonProgress, start: Array, end: Array) -> bool:
-        """Return whether the tangent at the end of a static solution is seen to be positive definite.
+        """Return whether the tangent at the end of a static solution is known to be positive definite.
 
-        One that was made on the way was so. From there on pivots fall as they fell since the one before it;
-        where that is not known, or by too much, the end has to be checked.
+        The last factorised tangent was. Its pivots are extrapolated to the end with the rate since the
+        tangent before it; if the rate is not known or too large, the end must be checked.
 
         Args:
-            problem: which has converged.
-            done: how.
-            start: (n, 3) [m], where it began.
-            end: (n, 3) [m].
+            problem: converged.
+            done: its progress.
+            start: (n, 3) [m], initial guess.
+            end: (n, 3) [m], solution.
         """
-        if self.factor.kept is None:
+        if self.factor.key is None:
             return False
         envelope, last = self.linear, _centred(end, problem.frame)
         if not isinstance(envelope, EnvelopeCholesky) or envelope.correction is not None:
             return done.tangents > 0 and not done.reused
         if not done.tangents:
             return self._definite is not None and self._definite.reaches(last)
-        # the only one was made at the start unless a kept one served before; others somewhere beyond
+        # the only tangent is that at the start, unless a reused factorisation came first
         at_start = done.tangents == 1 and done.reused == done.run
         begin = _centred(start, problem.frame)
         made_by = last if not at_start else begin
@@ -455,14 +467,14 @@ class NewtonSolver:
         return made.reaches(last, begin)
 
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
-        """Return how many negative eigenvalues the tangent of the free components has in statics.
+        """Return the number of negative eigenvalues of the static tangent of the free components.
 
-        Sealed gas and commanded lengths count as well; of loads without a potential the symmetric part does.
-        The factorisation in store stays.
+        The tangent includes sealed gas and commanded lengths; for loads without a potential it is the
+        symmetric part. The stored factorisation is not changed.
 
         Args:
             positions: (n, 3) [m].
-            memory: (values,), what the elements remember there.
+            memory: (values,), internal variables of the elements there.
             loads: that act.
         """
         film = self.film
@@ -476,18 +488,18 @@ class NewtonSolver:
     def factorise(
         self, positions: Array, memory: Array, loads: Loads, inertia: Inertia | None, frame: Array
     ) -> bool:
-        """Factorise the tangent at a given shape into `linear`; False where it is indefinite.
+        """Factorise the tangent at a given shape into `linear`; return False if it is indefinite.
 
         Args:
             positions: (n, 3) [m].
-            memory: (values,), what the elements remember there.
+            memory: (values,), internal variables of the elements there.
             loads: that act.
             inertia: of an implicit step; None in statics.
             frame: (3, 3), rotation of the flange.
         """
         film, factor = self.film, self.factor
         gradient, losses = film.gradient.copy(), film.losses_at(positions, loads, memory)
-        film.serving = factor.pattern
+        film.reusable_pattern = factor.pattern
         film.evaluate(positions, loads, losses, memory, inertia=inertia)
         film.gradient[:] = gradient
         if self._symmetric:
@@ -496,35 +508,35 @@ class NewtonSolver:
         solver.extra = tangent.caps
         definite = solver.factor(tangent.blocks, low_rank=tangent.low_rank)
         kind = 0.0 if inertia is None else inertia.kind
-        factor.keep(KeptFactor(kind, frame) if definite else None)
+        factor.set_key(FactorKey(kind, frame) if definite else None)
         if inertia is None and definite and isinstance(solver, EnvelopeCholesky):
             place = _centred(positions, frame)
             self._definite = DefiniteTangent.after(self._definite, solver.pivots, place, place)
         return definite
 
-    def keep(self, kept: KeptFactor | None) -> None:
-        """Remember for what the factorisation was made; None: the next solution makes its own."""
-        self.factor.keep(kept)
+    def set_factor_key(self, key: FactorKey | None) -> None:
+        """Set the problem of the stored factorisation; None: the next solution does not reuse it."""
+        self.factor.set_key(key)
 
     @property
     def state(self) -> NewtonState:
-        """What the next solution depends on besides its arguments; that of the same clamp can be set."""
+        """State of the solver; a state with the same clamp can be set."""
         factor = self.factor
-        saved = None if factor.kept is None else factor.solver.state
+        saved = None if factor.key is None else factor.solver.state
         wide = None if factor.solver is factor.narrow else factor.pattern
-        return NewtonState(factor.kept, saved, self.film.gradient.copy(), wide, self._definite)
+        return NewtonState(factor.key, saved, self.film.gradient.copy(), wide, self._definite)
 
     @state.setter
     def state(self, state: NewtonState) -> None:
         film, factor = self.film, self.factor
         if state.wide is not None:
             check_widened(film.pattern, state.wide)
-        if (state.kept is None) is not (state.factor is None):
+        if (state.key is None) is not (state.factor is None):
             raise InputError("the saved factorisation is not whole")
         factor.fit(film.pattern if state.wide is None else state.wide)
         if state.factor is not None:
             factor.solver.state = state.factor
-        factor.keep(state.kept)
+        factor.set_key(state.key)
         film.gradient[:], self._definite = state.gradient, state.definite
 
     def _solver_for(self, pattern: BlockPattern, like: LinearSolver | None) -> LinearSolver:
@@ -534,5 +546,5 @@ class NewtonSolver:
 
 
 def _centred(positions: Array, frame: Array) -> Array:
-    """Return positions (n, 3) [m] as `DefiniteTangent` has them."""
+    """Return positions (n, 3) [m] about their mean, in flange axes, see `DefiniteTangent`."""
     return np.asarray((positions - positions.mean(axis=0)) @ frame)

@@ -1,10 +1,10 @@
-"""A film at rest to first order, in few of its motions, for `cosim.soft.solve.linear_step`.
+"""A linearised film at rest, reduced to few of its motions, for `cosim.soft.solve.linear_step`.
 
-Coordinates: the flange's motion (dr, phi), with which all nodes go along, and beside it motions V of the free
-nodes, orthonormal by mass. V spans the slowest natural modes, how the film gives way to each load, and how it
-lags behind the flange as that moves or turns. So modes in V and slow changes are those of the whole film; the
-film's fast modes follow at once. With as many modes as free components nothing is left out.
-Source: Craig and Kurdila, Fundamentals of Structural Dynamics, chapter 17 (static modes beside natural ones).
+Coordinates are the flange's motion (dr, phi), with which all nodes move, and amplitudes of motions V of the
+free nodes, orthonormal by mass. V spans the slowest natural modes, the static response to each load, and the
+lag behind the flange as that accelerates. So modes in V and slow changes are exact; faster modes respond
+statically. With as many modes as free components the model is complete.
+Source: Craig and Kurdila, Fundamentals of Structural Dynamics, chapter 17 (static and natural modes).
 """
 
 from collections.abc import Callable
@@ -17,13 +17,14 @@ from cosim.base.frames import Array, Pose, cross_matrix
 from cosim.errors import InputError
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve import newton, sensitivity, stability, step_begin
+from cosim.soft.solve import frozen_tangent, lowest_mode, newton, step_prediction
+from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.linear_step import LinearStep, LoadName, RestingBody
-from cosim.soft.solve.state import Clamp, SoftState
+from cosim.soft.solve.state import SoftState
 
-_SAME: Final = 1e-7  # of the largest singular value, below which a motion is one of the others
+_SAME: Final = 1e-7  # singular value over the largest one, below which motions are linearly dependent
 _MOVED_m: Final = 1e-7
-_PRESSED_Pa, _PULLED_N = 1e4, 1.0  # a gradient is linear in both
+_PRESSED_Pa, _PULLED_N = 1e4, 1.0  # steps of differences; the gradient is linear in both
 
 
 @final
@@ -35,7 +36,7 @@ class RestingFilm:
         solver: Newton's method of symmetric tangents for the body; its factorisation is lost.
         clamp: nodes held by the flange.
         flange: its pose.
-        state: where the film is.
+        state: of the film.
         loads: that act.
     """
 
@@ -45,12 +46,12 @@ class RestingFilm:
     state: SoftState
     loads: Loads
 
-    def linear_step(self, bed: step_begin.BedNumbers, motions: int) -> LinearStep:
+    def linear_step(self, coefficients: step_prediction.StepCoefficients, motions: int) -> LinearStep:
         """Return a step of the film.
 
         Args:
-            bed: numbers of inertia and losses in it.
-            motions: how many natural modes V has, at most.
+            coefficients: of the step.
+            motions: number of natural modes in V, at most.
 
         Raises:
             InputError: nodes have no mass, or ends are open.
@@ -62,7 +63,7 @@ class RestingFilm:
             raise InputError("a linear model needs closed ends: set model.closed = true")
         names, slopes, still = self._by_loads()
         self._gradient(self.loads, hessian=True)
-        tangent = sensitivity.FrozenTangent.of(film, self.state.positions)
+        tangent = frozen_tangent.FrozenTangent.of(film, self.state.positions)
         carried = self._carried()
         pushes = np.concatenate([slopes, tangent.times(carried), mass[:, None, None] * carried], axis=2)
         v = np.concatenate([carried, self._motions(pushes, motions)], axis=2)
@@ -76,7 +77,7 @@ class RestingFilm:
             stiffness, inertia, self._losses(v), along, flat.T @ slopes.reshape(len(flat), -1),
             held, self._supplied(still), self._moments(v), names, tip, v,
         )  # fmt: skip
-        return body.linear_step(bed)
+        return body.linear_step(coefficients)
 
     def _gradient(self, loads: Loads, *, hessian: bool = False) -> Array:
         film, state = self.solver.film, self.state
@@ -85,7 +86,7 @@ class RestingFilm:
         return film.gradient.copy()
 
     def _by_loads(self) -> tuple[tuple[LoadName, ...], Array, Array]:
-        """Return what can be commanded, the gradient's derivatives (n, 3, loads) by it, and the gradient."""
+        """Return the commanded loads, the gradient's derivatives (n, 3, loads) by them, and the gradient."""
         loads, count = self.loads, self.solver.film.gas.count
         still, pressures, pulls = self._gradient(loads), loads.pressures(count), loads.cable_tension_N
         names, columns = list[LoadName](), list[Array]()
@@ -103,7 +104,7 @@ class RestingFilm:
         return tuple(names), np.moveaxis(whole, 0, 2), still
 
     def _carried(self) -> Array:
-        """Return how nodes (n, 3, 6) move that go along with the flange's (dr, phi)."""
+        """Return the motion of nodes (n, 3, 6) that move with the flange's (dr, phi)."""
         arms = self.state.positions - self.flange.translation
         found = np.zeros((len(arms), 3, 6))
         found[:, :, :3] = np.eye(3)
@@ -114,27 +115,27 @@ class RestingFilm:
         """Return V (n, 3, k), orthonormal by mass.
 
         Args:
-            pushes: (n, 3, pushes) [N], the answers to which are in it.
+            pushes: (n, 3, pushes) [N], whose static responses V includes.
             count: of natural modes.
         """
         solver, mass = self.solver, self.solver.film.body.node_mass
         root = np.sqrt(mass)[:, None, None]
         if count >= np.count_nonzero(solver.free):
-            own = np.flatnonzero(solver.free)
-            return np.eye(solver.free.size)[:, own].reshape(*solver.free.shape, -1) / root
+            free = np.flatnonzero(solver.free)
+            return np.eye(solver.free.size)[:, free].reshape(*solver.free.shape, -1) / root
         frame = self.flange.rotation
-        found = stability.lowest_mode(solver, self.state, self.loads, frame, mass, count)
+        found = lowest_mode.lowest_mode(solver, self.state, self.loads, frame, mass, count)
         loaded = np.ascontiguousarray(np.moveaxis(np.where(solver.free[..., None], pushes, 0.0), 2, 0))
         both = np.concatenate([found.shapes, solver.linear.solve_all(loaded)])
         weighed = np.where(solver.free[..., None], root * np.moveaxis(both, 0, 2), 0.0)
         columns = weighed.reshape(-1, len(both))
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         turned, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-        kept = turned[:, sizes > _SAME * sizes[0]]
-        return kept.reshape(*solver.free.shape, -1) / root
+        basis = turned[:, sizes > _SAME * sizes[0]]
+        return basis.reshape(*solver.free.shape, -1) / root
 
     def _losses(self, v: Array) -> Array:
-        """Return what materials resist rates of motions v (n, 3, k) with (k, k)."""
+        """Return the viscous losses (k, k) of materials for motions v (n, 3, k)."""
         film, x = self.solver.film, self.state.positions
         rates = StrainRates.of(film.body)
         if rates is None:
@@ -152,9 +153,9 @@ class RestingFilm:
         return np.asarray(0.5 * (found + found.T))
 
     def _supplied(self, still: Array) -> Callable[[Array, Array], Array]:
-        """Return what the flange's change of supply follows from, see `RestingBody`.
+        """Return the change of the flange's reaction as a function, see `RestingBody`.
 
-        Levers of held nodes turn with the flange; on free nodes nothing is left at rest.
+        Lever arms of held nodes turn with the flange; the residual of free nodes is zero.
 
         Args:
             still: (n, 3) [N], the gradient.

@@ -1,9 +1,9 @@
-"""Contact of a soft body with itself: unit with unit, finger with finger, the films of a unit, the flange.
+"""Contact of a soft body with itself (units, fingers, films of a unit), and with the flange.
 
-For a step, or a round of a static solution, the pairs of points and triangles are found and kept; within it
-their distances and normals are exact. Modelled are the outside of the film, between units of one body; its
-inside, between faces of one unit, which is the outside of the film turned inside out; and the flange's face
-before the films that begin on it. Not modelled is a face folded onto itself.
+The pairs of points and triangles are constant within a step, or a round of a static solution; their distances
+and normals are exact. Modelled are the outside of the film, between units of one body; its inside, between
+faces of one unit, as the outside of the film turned inside out; and the flange's face against the films next
+to it. A face folded onto itself is not modelled.
 """
 
 from dataclasses import dataclass, replace
@@ -27,13 +27,13 @@ from cosim.soft.contact.self_contact_search import BEHIND_M
 from cosim.soft.contact.triangle_foot import feet, fill_point, fill_slopes, fill_weights, plane_of
 from cosim.soft.solve.state import SoftState
 
-_STEP_REACH_M = 0.25e-3  # for what a film at rest moves in the step in which it is set in motion
-AHEAD_STEPS: Final = 2.0
-"""How many steps' way of the fastest node, against the others, films look ahead."""
+_STEP_REACH_M = 0.25e-3  # reach of the search for a film at rest that starts to move
+LOOKAHEAD_STEPS: Final = 2.0
+"""Reach of the search, in steps of the fastest node's motion relative to the mean."""
 THROUGH_M: Final = 1.5e-3
-"""How far behind a film a point is looked for that a step of slow films has taken there."""
-_STATIC_REACH_M = 3e-3  # the same in statics, where nothing says how far it will move
-_FROM_EACH_SIDE = 0.5  # of the stiffness: the points of both films are counted
+"""Depth behind a film up to which points are found after a step of slow films."""
+_STATIC_REACH_M = 3e-3  # reach of the search in statics, where the motion is not known
+_FROM_EACH_SIDE = 0.5  # fraction of the stiffness: points of both films count
 
 
 @final
@@ -42,11 +42,11 @@ class FilmContactLaw:
     """How films press and rub on each other.
 
     Args:
-        law: of pressing and sticking, as on an obstacle.
+        law: normal and sticking forces, as on an obstacle.
         friction: coefficient of sliding.
-        throughout: whether every solution begins with what is near; otherwise one of films that have not
-            pressed before it is tried without, and taken again if they press at its end.
-        inside: whether films of a unit meet from inside, and the first unit the flange's face.
+        throughout: whether every solution includes contact; otherwise a solution of films that did not press
+            before is first tried without contact, and repeated with it if they press at its end.
+        inside: whether contact inside a unit, and with the flange's face, is modelled.
 
     Raises:
         InputError: the coefficient is negative, or not a number.
@@ -63,16 +63,16 @@ class FilmContactLaw:
 
 
 class ContactRows(NamedTuple):
-    """What presses on what: points from outside, from inside, before the flange's face; triangles as well.
+    """Points and triangles of all contacts: outside, inside, and before the flange's face.
 
     Args:
-        nodes: (p, 3) that each point combines.
-        weights: (p, 3).
+        nodes: (p, 3), nodes of each point's triangle.
+        weights: (p, 3), barycentric.
         stiffness: (p,) [N/m].
         spare: (p,) [m], see `contact_law.spare`.
-        key: (p,) of each point, from which those of its pairs count.
+        key: (p,), first key of each point's pairs.
         triangles: (t, 3).
-        place: (t,), added to the key of the point; of the triangles of a unit it is one.
+        offset: (t,), added to the key of the point; the same for all triangles of a unit.
     """
 
     nodes: IndexTable
@@ -81,11 +81,11 @@ class ContactRows(NamedTuple):
     spare: Vector
     key: Indices
     triangles: IndexTable
-    place: Indices
+    offset: Indices
 
     @classmethod
     def of(cls, outside: FilmLists, inside: FilmLists, face: FlangeFace, stiffness: Array) -> "ContactRows":
-        """Return those of a film, with the stiffness (p,) of all points."""
+        """Return the rows of a film, with the stiffness (p,) of all points."""
         rows, b = (outside.rows, inside.rows), len(face.nodes)
         units = [len(each.units.start) - 1 for each in (outside, inside)]
         counts = np.repeat([*units, 1], [*(len(each.nodes) for each in rows), b])
@@ -101,14 +101,14 @@ class ContactRows(NamedTuple):
 
 @kernel
 def describe_pairs(x: Matrix, rows: ContactRows, hits: IndexTable, pairs: PairRows, key: Indices) -> None:
-    """Fill pairs as they are before a step, without friction.
+    """Fill pairs at the start of a step, without friction.
 
     Args:
         x: (n, 3) [m], before the step.
-        rows: what the hits are of.
-        hits: (k, 2), points and the triangles that they may press on.
+        rows: points and triangles.
+        hits: (k, 2), points and the triangles near them.
         pairs: (k,), filled.
-        key: (k,) ascending, filled; names pairs of point and unit, of point and face from inside.
+        key: (k,) ascending, filled; identifies pairs of point and unit, or inside of point and face.
     """
     y, slope = small_vector(3), small_matrix(3, 3)
     for e in range(hits.shape[0]):
@@ -116,7 +116,7 @@ def describe_pairs(x: Matrix, rows: ContactRows, hits: IndexTable, pairs: PairRo
         for r in range(3):
             nodes[r], nodes[3 + r] = rows.nodes[p, r], rows.triangles[t, r]
             pairs.weights[e, r], pairs.stretch[e, r] = rows.weights[p, r], 0.0
-        key[e] = rows.key[p] + rows.place[t]
+        key[e] = rows.key[p] + rows.offset[t]
         pairs.stiffness[e], pairs.friction[e], pairs.spare[e] = rows.stiffness[p], 0.0, rows.spare[p]
         fill_point(x, nodes, pairs.weights[e], y)
         fill_slopes(x, nodes[3:], normal, plane_of(x, nodes[3:], normal), slope)
@@ -124,13 +124,13 @@ def describe_pairs(x: Matrix, rows: ContactRows, hits: IndexTable, pairs: PairRo
 
 
 @kernel
-def let_rub(key: Indices, pressed: Indices, force: Vector, stretch: Matrix, pairs: PairRows) -> None:
+def restore_friction(key: Indices, pressed: Indices, force: Vector, stretch: Matrix, pairs: PairRows) -> None:
     """Fill friction and stretch of the pairs that have pressed before.
 
     Args:
         key: (k,) ascending, of the pairs.
-        pressed: (m,) ascending, keys of those that have.
-        force: (m,) [N], largest friction force of these.
+        pressed: (m,) ascending, keys of the pairs that pressed in the last step.
+        force: (m,) [N], their largest friction force.
         stretch: (m, 3) [m], of their stick springs.
         pairs: (k,), filled.
     """
@@ -145,9 +145,10 @@ def let_rub(key: Indices, pressed: Indices, force: Vector, stretch: Matrix, pair
 
 
 def _inner_lists(faces: FilmFaces, body: SoftBody, law: ContactLaw) -> tuple[FilmLists, Array]:
-    """Return the lists of a film from inside, and the area (p,) [m^2] of its points there.
+    """Return the lists of a film's inside, and the area (p,) [m^2] of its points.
 
-    Films that are drawn nearer than they would press spare as much. Points next to a seam press on nothing.
+    Points of films that are drawn closer than the contact distance get a spare distance, so that they do not
+    press as drawn. Points next to a seam do not press at all.
     """
     inside, x = faces.inside_out, body.positions
     points = FilmPoints.of(inside, x)
@@ -160,18 +161,18 @@ def _inner_lists(faces: FilmFaces, body: SoftBody, law: ContactLaw) -> tuple[Fil
     nodes = np.concatenate((rows.nodes[point], rows.triangles[hits[:, 1]]), axis=1)
     distance = feet(x, nodes, rows.weights[point])[2]
     np.maximum.at(rows.spare, point, contact_law.spare(distance, law))
-    # a seam that creases has what hangs on it behind the other film's planes, without coming through
+    # at a creased seam, points are behind the planes of the other film without penetrating it
     rows.spare[np.isin(rows.nodes, faces.seam_nodes).any(axis=1)] = np.inf
     return lists, points.area
 
 
 @final
 class SelfContact:
-    """Finds the pairs of films that may touch; `work_J` is theirs on the film in the last step.
+    """Finds the pairs of films that may touch; `work_J` is their work on the film in the last step.
 
     Args:
-        body: of which films.
-        law: between them.
+        body: with the films.
+        law: of contact.
     """
 
     def __init__(self, body: SoftBody, law: FilmContactLaw) -> None:
@@ -192,76 +193,76 @@ class SelfContact:
         outer, self._before_face = self.outside.rows, np.zeros(len(self._face.nodes), np.int64)
         first = np.array([len(outer.nodes), len(outer.triangles)])
         last = first + np.array([len(inner.nodes), len(inner.triangles)])
-        self._first = first, last  # point and triangle, of those from inside, and of those of the face
+        self._first = first, last  # first point and triangle inside, and of the flange's face
         self.can_touch = self.outside.can_meet or self.faces.inside_out.can_meet or len(self._face.nodes) > 0
         """Whether films can touch one another or the flange at all."""
 
     @property
     def rest_m(self) -> float:
-        """How far films at rest look for one another in a step."""
+        """Reach of the search in a step of films at rest."""
         return self.law.onset_m + _STEP_REACH_M
 
-    def waits(self, state: SoftState) -> bool:
+    def is_deferred(self, state: SoftState) -> bool:
         """Return whether a solution from a state is first tried without contact.
 
         Args:
-            state: from which it begins.
+            state: at the start.
         """
         return not self.throughout and state.touching is None
 
-    def press(self, end: SoftState, step_s: float) -> bool:
+    def presses(self, end: SoftState, step_s: float) -> bool:
         """Return whether films press on one another at the end of a step without contact.
 
         Args:
             end: of the step.
             step_s: length [s].
         """
-        return self._press(end.positions, end.velocities, AHEAD_STEPS * step_s, THROUGH_M)
+        return self._presses(end.positions, end.velocities, LOOKAHEAD_STEPS * step_s, THROUGH_M)
 
-    def press_at_rest(self, positions: Array) -> bool:
+    def presses_at_rest(self, positions: Array) -> bool:
         """Return whether films press on one another at positions (n, 3) [m], or have passed through."""
-        return self._press(positions, np.zeros_like(positions), 0.0, BEHIND_M)
+        return self._presses(positions, np.zeros_like(positions), 0.0, BEHIND_M)
 
-    def _press(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
+    def _presses(self, x: Array, velocities: Array, ahead_s: float, through_m: float) -> bool:
         fast = ahead_s > 0.0 and ahead_s * furthest_from_mean(velocities) > through_m
         reach_m, behind_m = self.law.onset_m, BEHIND_M if fast else through_m
         room_m, bounds = max(reach_m, BEHIND_M), (through_m, behind_m)
         for lists in (self.outside, self.inside):
-            if lists.can_meet and lists.press(x, reach_m, bounds, room_m, moves=ahead_s > 0.0):
+            if lists.can_meet and lists.presses(x, reach_m, bounds, room_m, moves=ahead_s > 0.0):
                 return True
         return fill_before_face(x, self._face, reach_m, behind_m, self._before_face[:0]) > 0
 
     def step_pairs(self, state: SoftState, step_s: float) -> FilmPairs | None:
-        """Return what may touch in a step, None for nothing.
+        """Return the possible pairs in a step; None for none.
 
         Args:
             state: before the step.
             step_s: length [s].
         """
         last = self._last
-        if last is None or last[0] is not state or last[1] != step_s:  # it may be taken again and again
+        if last is None or last[0] is not state or last[1] != step_s:  # steps may be repeated
             x, reach_m = state.positions, self.rest_m
-            reach_m += AHEAD_STEPS * step_s * furthest_from_mean(state.velocities)
-            last = self._last = state, step_s, self._found(x, reach_m, state.touching)
+            reach_m += LOOKAHEAD_STEPS * step_s * furthest_from_mean(state.velocities)
+            last = self._last = state, step_s, self._find(x, reach_m, state.touching)
         return last[2]
 
     def static_pairs(
         self, positions: Array, held: FilmPairs | None = None, slack: float = 0.0
     ) -> FilmPairs | None:
-        """Return what may touch near an equilibrium, without friction; None for nothing.
+        """Return the possible pairs near an equilibrium, without friction; None for none.
 
         Args:
             positions: (n, 3) [m].
-            held: pairs of the round before: those that still hold keep their triangle.
-            slack: how far beyond the triangle's edges a foot still holds, as barycentric weight.
+            held: pairs of the last round, which keep their triangle while their foot is on it.
+            slack: barycentric weight by which a foot may be beyond the triangle's edges.
         """
-        found = self._found(positions, _STATIC_REACH_M, None)
+        found = self._find(positions, _STATIC_REACH_M, None)
         if held is None:
             return found
-        kept = held.holding(positions, slack, _STATIC_REACH_M)
-        key, triangle = held.key[kept], held.triangle[kept]
+        valid = held.holding(positions, slack, _STATIC_REACH_M)
+        key, triangle = held.key[valid], held.triangle[valid]
         if found is not None:
-            # of two triangles of one unit the first counts: the one that is held
+            # of two triangles of one unit the first counts, which is that of the last round
             key, first = np.unique(np.concatenate([key, found.key]), return_index=True)
             triangle = np.concatenate([triangle, found.triangle])[first]
         if not len(key):
@@ -269,7 +270,7 @@ class SelfContact:
         return self._pairs(key, triangle, positions)
 
     def same_pairs(self, pairs: FilmPairs, positions: Array) -> FilmPairs:
-        """Return the pairs of a body with the same triangles, drawn otherwise, with this body's areas.
+        """Return the same pairs for this body, which has the same triangles but another drawn shape.
 
         Args:
             pairs: without friction.
@@ -286,20 +287,22 @@ class SelfContact:
         )
         return replace(pairs, rows=pairs.rows._replace(spare=rows.spare[point]))
 
-    def _found(self, x: Array, reach_m: float, before: FilmMemory | None) -> FilmPairs | None:
-        """Return the pairs within reach, of which those that have pressed before rub."""
+    def _find(self, x: Array, reach_m: float, before: FilmMemory | None) -> FilmPairs | None:
+        """Return the pairs within reach, with friction for those that pressed in the last step."""
         hits = self._hits(x, reach_m)
         count = len(hits)
         if not count:
             return None
-        key, pairs = np.empty(count, np.int64), PairRows.room(count, self._widths)
+        key, pairs = np.empty(count, np.int64), PairRows.empty(count, self._widths)
         unchecked(describe_pairs)(x, self._rows, hits, pairs, key)
         if before is not None:
-            unchecked(let_rub)(key, before.key, self._friction * before.normal_force, before.stretch, pairs)
+            unchecked(restore_friction)(
+                key, before.key, self._friction * before.normal_force, before.stretch, pairs
+            )
         return FilmPairs(key, hits[:, 1], pairs)
 
     def _hits(self, x: Array, reach_m: float) -> IntArray:
-        """Return rows (k, 2) of all points and the triangles that they are near."""
+        """Return rows (k, 2) of points and the triangles near them."""
         found, room_m = [], max(reach_m, BEHIND_M)
         for lists, shift in ((self.outside, 0), (self.inside, self._first[0])):
             if lists.can_meet:

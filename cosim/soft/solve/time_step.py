@@ -1,7 +1,7 @@
 """Implicit time steps of a film: each is the minimum of an incremental potential.
 
-The formulas are those of `state`. Most steps start from where free flight leads, and end after one or two
-iterations with the factorisation that is there.
+The formulas are in `step_scheme` and `step_prediction`. Most steps start from free flight, and end after one
+or two iterations with a reused factorisation.
 """
 
 import math
@@ -18,37 +18,35 @@ from cosim.soft.body.places import place_of_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
-from cosim.soft.solve.newton import Evaluation, NewtonProgress, NewtonSolver, Problem
-from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
-from cosim.soft.solve.self_contact import SelfContact
-from cosim.soft.solve.state import (
+from cosim.soft.solve.clamp import (
     Clamp,
-    Damped,
-    SoftState,
-    StepAccuracy,
-    StepOptions,
-    StepScheme,
+    DampedNodes,
+    fill_flange_velocity,
     flange_axes,
-    follow_flange,
     place_flight,
     place_held,
 )
-from cosim.soft.solve.step_begin import FOLD_SWEEPS, fill_bed, fill_flight, keep_folds_open
+from cosim.soft.solve.newton import Evaluation, NewtonProgress, NewtonSolver, Problem
+from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
+from cosim.soft.solve.self_contact import SelfContact
+from cosim.soft.solve.state import SoftState
+from cosim.soft.solve.step_prediction import FOLD_SWEEPS, fill_flight, fill_inertia_target, keep_folds_open
+from cosim.soft.solve.step_scheme import StepAccuracy, StepOptions, StepScheme
 
 LARGE_TURN_RAD: Final = 0.01
-"""Turn of the flange in a step above which another start of Newton's method pays for looking for it."""
+"""Rotation of the flange in a step above which another initial guess is worth its cost."""
 _LOSS_ROUNDS_MAX: Final = 8
 
 
 @final
 class Stepper:
-    """Steps one body with a given clamp: predicts, solves, and says what acts on the flange.
+    """Steps one body with a given clamp: predicts, solves, and computes the wrench on the flange.
 
     Args:
         solver: Newton's method for the body with that clamp.
         clamp: nodes held by the flange.
-        options: how steps are solved.
-        self_contact: of the body's films with one another; None where it is not modelled.
+        options: of the steps.
+        self_contact: of the body's films; None if it is not modelled.
     """
 
     def __init__(
@@ -63,9 +61,9 @@ class Stepper:
         self._whole, self._bound_N = options.whole, options.bound_N(film.mass)
         self._first = replace(self._whole, iterations_max=min(options.iterations, self._whole.iterations_max))
         self.rates = StrainRates.of(film.body)
-        """What materials resist rates of strain with in the last step; None where none does."""
+        """Viscous losses of the materials in the last step; None without such materials."""
         self._target, self._base = np.empty_like(film.gradient), np.empty_like(film.gradient)
-        self._along = np.zeros_like(film.gradient)  # [m/s], of nodes that go along with the flange
+        self._along = np.zeros_like(film.gradient)  # [m/s], of nodes that move with the flange
         self._scheme: StepScheme | None = None
         self._inertia: Inertia | None = None
         self._rubs = any(cable.friction_coefficient for cable in film.body.cables)
@@ -82,15 +80,15 @@ class Stepper:
         before: Pose | None = None,
         accuracy: StepAccuracy | None = None,
     ) -> tuple[SoftState, NewtonResult]:
-        """Return the state after a step, with the flange at its new pose, and how it was solved.
+        """Return the state after a step, with the flange at its new pose, and the solver's result.
 
         Args:
-            state: at the beginning.
+            state: at the start.
             world_from_flange: pose of the flange at the end.
             loads: at the end.
             step_s: h [s].
-            before: pose of the flange at the beginning; with it, a large turn finds a better start.
-            accuracy: how closely; as an ordinary step unless given.
+            before: pose of the flange at the start, for a better initial guess after a large rotation.
+            accuracy: None for an ordinary step.
 
         Raises:
             InputError: the step is not positive, or not finite.
@@ -101,10 +99,10 @@ class Stepper:
         films = self.self_contact
         if films is None:
             return self._step(state, world_from_flange, loads, step_s, before, accuracy)
-        waits, films.work_J = films.waits(state), 0.0
-        acting = loads if waits else loads.with_films(films.step_pairs(state, step_s))
+        is_deferred, films.work_J = films.is_deferred(state), 0.0
+        acting = loads if is_deferred else loads.with_films(films.step_pairs(state, step_s))
         end, result = self._step(state, world_from_flange, acting, step_s, before, accuracy)
-        if waits and films.press(end, step_s):
+        if is_deferred and films.presses(end, step_s):
             pairs = films.step_pairs(state, step_s)
             if pairs is not None:
                 acting = loads.with_films(pairs)
@@ -120,9 +118,9 @@ class Stepper:
         before: Pose | None,
         accuracy: StepAccuracy | None,
     ) -> tuple[SoftState, NewtonResult]:
-        """Return the state after a step with the films that may touch one another in it; see `step`.
+        """Return the state after a step with given pairs of films, see `step`.
 
-        Free flight is the better start, unless it takes films too far; then the step begins where it is.
+        The initial guess is free flight; if that fails, as it takes films too far, the state at the start.
         """
         scheme, flange = self.scheme_of(state, step_s), flange_axes(world_from_flange)
         begun = None if accuracy is None else accuracy.start
@@ -163,12 +161,14 @@ class Stepper:
         step_s: float,
         accuracy: StepAccuracy | None,
     ) -> Inertia:
-        """Return inertia and losses of a step as an elastic bed; fill the base of its velocities."""
-        x, v, bed = state.positions, state.velocities, scheme.bed
+        """Return the inertia term of a step; fill the base of its velocities."""
+        x, v, coefficients = state.positions, state.velocities, scheme.coefficients
         earlier_x, earlier_v = state.earlier or (x, v)
-        if bed.share > 0.0:
-            unchecked(follow_flange)(self.clamp.held, flange, x, earlier_x, bed, self._along)
-        unchecked(fill_bed)(x, v, earlier_x, earlier_v, self._along, bed, self._base, self._target)
+        if coefficients.alpha_s > 0.0:
+            unchecked(fill_flange_velocity)(self.clamp.held, flange, x, earlier_x, coefficients, self._along)
+        unchecked(fill_inertia_target)(
+            x, v, earlier_x, earlier_v, self._along, coefficients, self._base, self._target
+        )
         self.fill_rates(state, scheme)
         closely, last = self.options.closely or accuracy is not None, self._inertia
         if last is None or last.coefficient is not scheme.inertia or last.closely is not closely:
@@ -176,27 +176,27 @@ class Stepper:
         return last
 
     def fill_rates(self, state: SoftState, scheme: StepScheme) -> None:
-        """Fill what a step from a state resists rates of strain with; see `StrainRates.fill`."""
+        """Prepare the viscous losses of a step from a state; see `StrainRates.fill`."""
         if self.rates is not None:
-            earlier = None if state.earlier is None or not scheme.bed.two_steps else state.earlier[0]
-            self.rates.fill(state.positions, earlier, state.memory, scheme.bed.span)
+            earlier = None if state.earlier is None or not scheme.coefficients.two_steps else state.earlier[0]
+            self.rates.fill(state.positions, earlier, state.memory, scheme.coefficients.span)
 
     def _flight(self, state: SoftState, flange: Array, step_s: float) -> tuple[Array, bool]:
-        """Return where the nodes (n, 3) [m] get in free flight, and whether the flange jumps with them."""
+        """Return the nodes (n, 3) [m] after free flight, and whether the flange has jumped."""
         flight = np.empty_like(state.positions)
         before = state.velocities if state.earlier is None else state.earlier[1]
         unchecked(fill_flight)(state.positions, state.velocities, before, step_s, self.options.gain, flight)
         return flight, unchecked(place_flight)(self.clamp.held, flange, flight)
 
     def _problem(self, state: SoftState, x: Array, flange: Array, loads: Loads, inertia: Inertia) -> Problem:
-        """Return what is solved from a start x (n, 3) [m]; losses that follow the shape are frozen there."""
+        """Return the problem from an initial guess x (n, 3) [m], where shape-dependent losses are frozen."""
         follows = self._rubs or losses_follow(self.solver.film.body.cables, loads.cable_length_m)
         frozen_at, frame = x if follows else state.positions, np.ascontiguousarray(flange[1:].T)
         memory = self.solver.film.fresh(state.memory) if inertia.closely else state.memory
         return self.solver.problem(frozen_at, memory, loads, inertia, frame)
 
     def _open_folds(self, problem: Problem, state: SoftState, flange: Array, x: Array) -> Evaluation:
-        """Let nodes of folds that close in free flight move as one; return potential and residual there."""
+        """Correct folds that close in free flight; return potential and residual after that."""
         film, barrier = problem.film, problem.film.body.hinges.fold_barrier_rad
         began = problem.evaluate(x)
         for _ in range(FOLD_SWEEPS if barrier else 0):
@@ -216,17 +216,18 @@ class Stepper:
         jumps: bool,
         began: Evaluation | None,
     ) -> NewtonResult:
-        """Solve a step, shortly at first where it may end above its tolerance.
+        """Solve a step; first with few iterations, if it may end above its tolerance.
 
-        A contact that is half solved would push with a force of its own making; a jump is solved as well.
+        Steps with contact, or after a jump of the flange, are always solved to the tolerance, as a residual
+        would be a spurious contact force.
 
         Args:
             problem: of the step.
-            state: where it begins.
-            x: (n, 3) [m], where Newton's method starts; changed.
-            accuracy: how closely; as an ordinary step unless given.
-            jumps: whether the flange does.
-            began: at x, where that was evaluated last.
+            state: at the start.
+            x: (n, 3) [m], initial guess; overwritten with the solution.
+            accuracy: None for an ordinary step.
+            jumps: whether the flange has jumped.
+            began: evaluation at x, if x was evaluated last.
         """
         loads, film = problem.acting.loads, problem.film
         if accuracy is not None:
@@ -250,7 +251,7 @@ class Stepper:
         return self._with_losses(problem, state, x, result, accuracy)
 
     def _ends(self, result: NewtonResult, accuracy: StepAccuracy | None, last: bool) -> bool:
-        """Return whether no closer solution follows."""
+        """Return whether the solution is final."""
         if accuracy is not None:
             return not result.converged or result.residual_N < accuracy.tolerance_N
         return last or result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result)
@@ -268,7 +269,7 @@ class Stepper:
         result: NewtonResult,
         accuracy: StepAccuracy | None,
     ) -> NewtonResult:
-        """Repeat while the shape changes the losses of cables of commanded length: stiff ones feel that."""
+        """Repeat while the shape changes the losses of cables of commanded length, which are stiff."""
         film, acting = self.solver.film, problem.acting
         if not losses_follow(film.body.cables, acting.loads.cable_length_m):
             return result
@@ -293,16 +294,16 @@ class Stepper:
         return result
 
     def _acceptable(self, result: NewtonResult, accuracy: StepAccuracy | None = None) -> bool:
-        """Return whether an ordinary step may end here: all iterations spent, residual within its bound."""
+        """Return whether a step may end above its tolerance: all iterations spent, residual in bounds."""
         if accuracy is not None:
             # below an ordinary step's tolerance rounding may leave no descent
             return result.residual_N <= self.options.tolerance_N
         return result.outcome is Outcome.ITERATION_LIMIT and result.residual_N <= self._bound_N
 
     def _end(self, state: SoftState, result: NewtonResult, scheme: StepScheme, loads: Loads) -> SoftState:
-        """Return the state that the next step begins from."""
+        """Return the state at the end of a step."""
         x, pairs = result.positions, loads.self_contact
-        velocities = (x - self._base) / scheme.bed.span
+        velocities = (x - self._base) / scheme.coefficients.span
         touching = None
         if pairs is not None and self.self_contact is not None:
             touching, self.self_contact.work_J = pairs.end(state.positions, x)
@@ -318,9 +319,9 @@ class Stepper:
         loads: Loads,
         inertia: Inertia,
     ) -> list[Array]:
-        """Return the starts and that which goes with the flange's motion, the one of least potential first.
+        """Return the initial guesses and the state moved with the flange, in order of their potential.
 
-        Free flight goes along tangents: where the flange turns far in a step, it stretches the film.
+        Free flight follows tangents; after a large rotation of the flange it would stretch the film.
         """
         film, held = self.solver.film, self.clamp.held
         carried = np.ascontiguousarray(motion.apply(state.positions))
@@ -335,37 +336,40 @@ class Stepper:
         return sorted([*starts, carried], key=potential)
 
     def factorise(self, state: SoftState, world_from_flange: Pose, loads: Loads, step_s: float) -> bool:
-        """Factorise the tangent of a step that ends at a state; False where it is indefinite.
+        """Factorise the tangent of a step that ends at a state; return False if it is indefinite.
 
         Args:
             state: at the end of a step.
             world_from_flange: pose of the flange there.
-            loads: there.
+            loads: that act there.
             step_s: h [s].
         """
-        scheme = self.scheme_of(state, step_s)  # where the bed is at rest has no part in the tangent
+        scheme = self.scheme_of(state, step_s)  # the target of inertia does not enter the tangent
         self.fill_rates(state, scheme)
         inertia = Inertia(scheme.inertia, state.positions, step_s, self.options.closely, self.rates)
         films = self.self_contact
-        if films is not None and not films.waits(state):
+        if films is not None and not films.is_deferred(state):
             loads = loads.with_films(films.step_pairs(state, step_s))
         return self.solver.factorise(
             state.positions, state.memory, loads, inertia, world_from_flange.rotation
         )
 
     def wrench(self, end: SoftState, world_from_flange: Pose) -> Wrench:
-        """Return what the body exerts on the flange, at its origin, world axes, at the end of a step."""
+        """Return the body's wrench on the flange, at its origin, world axes, at the end of a step."""
         film, damped = self.solver.film, None
-        if self._scheme is not None and self._scheme.bed.share > 0.0:
-            bed = self._scheme.bed  # of the step that has led there
-            damped = Damped(film.mass, bed.share, bed.span, self._along), end.velocities
+        if self._scheme is not None and self._scheme.coefficients.alpha_s > 0.0:
+            coefficients = self._scheme.coefficients  # of the last step
+            damped = (
+                DampedNodes(film.mass, coefficients.alpha_s, coefficients.span, self._along),
+                end.velocities,
+            )
         return self.clamp.wrench(film.gradient, end.positions, world_from_flange, damped)
 
     def scheme_of(self, state: SoftState, step_s: float) -> StepScheme:
         """Return the scheme of a step; the same object for the same kind of step."""
-        bed, last = self.options.bed(step_s, first=state.earlier is None), self._scheme
-        if last is None or last.bed != bed:
-            last = self._scheme = StepScheme.of(bed, self.options, self.solver.film.mass)
+        coefficients, last = self.options.coefficients(step_s, first=state.earlier is None), self._scheme
+        if last is None or last.coefficients != coefficients:
+            last = self._scheme = StepScheme.of(coefficients, self.options, self.solver.film.mass)
         return last
 
 

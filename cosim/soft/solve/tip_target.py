@@ -1,7 +1,4 @@
-"""Where the deformed tip shall be, and what a search for it is given and returns.
-
-When a search for a tip target may stop, and what it returns.
-"""
+"""The target of a search for the deformed tip, its options, and its solution."""
 
 from dataclasses import dataclass
 from typing import final
@@ -16,7 +13,7 @@ from cosim.soft.solve.state import Equilibrium
 @final
 @dataclass(frozen=True)
 class TipTarget:
-    """Where the deformed tip shall be; give what matters, leave out what does not.
+    """Target of the deformed tip; components that are None are free.
 
     Args:
         position: (3,) [m], world.
@@ -31,7 +28,7 @@ class TipTarget:
     height: float | None = None
 
     def error(self, tip: TipFrame) -> tuple[Array, Array]:
-        """Return (rows, error): rows (m, 6) select from the tip's motion, error (m,) is what is missing."""
+        """Return (rows, error): rows (m, 6) select from the tip's motion, error (m,) is what remains."""
         rows, errors = [], []
         if self.position is not None:
             rows.append(np.eye(6)[:3])
@@ -44,14 +41,14 @@ class TipTarget:
             errors.append(vector_from_rotation(self.rotation @ tip.rotation.T))
         elif self.direction is not None:
             wanted = self.direction / np.linalg.norm(self.direction)
-            # only the rotation about the two axes across the direction counts
+            # rotation about the direction does not count
             across = tip.rotation[:, :2].T
             rows.append(np.concatenate([np.zeros((2, 3)), across], axis=1))
             errors.append(across @ shortest_turn(tip.direction, wanted))
         return np.concatenate(rows), np.concatenate(errors)
 
     def distance(self, tip: TipFrame) -> tuple[float, float]:
-        """Return how far off the tip is: (position [m], angle [rad])."""
+        """Return the errors of the tip: (position [m], angle [rad])."""
         position = angle = 0.0
         if self.position is not None:
             position = float(np.linalg.norm(self.position - tip.position))
@@ -65,7 +62,7 @@ class TipTarget:
 
 
 def shortest_turn(begin: Array, end: Array) -> Array:
-    """Return the rotation vector [rad] that turns one direction into another the shortest way."""
+    """Return the shortest rotation vector [rad] that turns one direction into another."""
     begin, end = begin / np.linalg.norm(begin), end / np.linalg.norm(end)
     axis = np.cross(begin, end)
     sine = float(np.linalg.norm(axis))
@@ -88,7 +85,7 @@ class TargetOptions:
         position_tolerance_m: accepted distance of the tip.
         angle_tolerance_rad: accepted angle of the tip.
         iterations_max: sensitivities before giving up.
-        lever_m: length that weighs a flange rotation against a translation (the smaller motion is chosen).
+        lever_m: length that weights rotations of the flange relative to translations.
         tension_max_N: largest cable tension allowed.
     """
 
@@ -99,7 +96,7 @@ class TargetOptions:
     tension_max_N: float = 100.0
 
     def met(self, found: "TargetSolution") -> bool:
-        """Return whether a tip is on its target."""
+        """Return whether a solution is within the tolerances."""
         return (
             found.position_error_m <= self.position_tolerance_m
             and found.angle_error_rad <= self.angle_tolerance_rad
@@ -124,6 +121,6 @@ class TargetSolution:
     iterations: int
 
     def off(self) -> str:
-        """Return how far off the tip is, for a message."""
+        """Return the errors of the tip, for a message."""
         angle = f" and {np.degrees(self.angle_error_rad):.2f} degrees" if self.angle_error_rad else ""
         return f"{1e3 * self.position_error_m:.2f} mm{angle}"

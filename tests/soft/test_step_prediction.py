@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.soft.solve.step_begin import keep_folds_open
+from cosim.soft.solve.step_prediction import keep_folds_open
 
 THETA1_rad = 0.1
 PLACES = np.arange(12.0).reshape(4, 3)

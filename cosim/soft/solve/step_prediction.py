@@ -1,8 +1,8 @@
-"""How a step begins, in kernels: the elastic bed that inertia is, and where Newton's method starts.
+"""Prediction of a time step: the target of the inertia term, and the initial guess of Newton's method.
 
-The formulas are those of `state`: inertia and damping are a bed of `inertia_weight` times the mass
-about the target y = base + s / (1 + (alpha + beta) s) (speed + alpha s u), from which the nodes move by
-v = (x - base) / s.
+Inertia and losses of a step are a quadratic term: `inertia_weight` times the mass about the target
+y = base + s / (1 + (alpha + beta) s) (speed + alpha s u), with the velocity v = (x - base) / s at the end;
+see `step_scheme`. The initial guess is free flight, corrected where it would close folds.
 """
 
 from typing import Final, NamedTuple
@@ -11,40 +11,41 @@ from cosim.base.kernel_types import IndexTable, Matrix, Vector
 from cosim.base.kernels import kernel
 from cosim.soft.geometry.surface import TURN
 
-# An acceleration is taken to stay where it moves nodes by so much in a step. Below, starts that are near
-# enough would carry it on for ever: a resting body would wander. Above, films flutter: it will turn round.
+# Range of motion by acceleration in a step in which the acceleration is assumed constant. Below it, guesses
+# that are accepted as solutions would repeat it for ever, so a resting body would drift. Above it, films
+# flutter, and the acceleration will reverse.
 _LEAST_EVEN_m, _MOST_EVEN_m = 1e-7, 1e-4
 FOLD_SWEEPS: Final = 3
-"""How often the folds that a start closes are looked for again."""
-_LEAST_OPEN = 0.3  # of a fold's angle that free flight may leave
-_STAYS = 0.9  # of its angle: a fold that is left so much is not being closed
-_CLOSED = 1e-3  # of theta1: a fold may be closed further than this
+"""How often folds that the initial guess closes are corrected."""
+_LEAST_OPEN = 0.3  # fraction of a fold's angle that free flight must leave
+_STAYS = 0.9  # fraction of the angle above which a fold is not closing
+_CLOSED = 1e-3  # angle over theta1 of a closed fold
 
 
-class BedNumbers(NamedTuple):
-    """Numbers of the bed that inertia and losses are in a step.
+class StepCoefficients(NamedTuple):
+    """Coefficients of a time step.
 
     Args:
-        two_steps: whether the step looks back over two.
+        two_steps: whether the scheme uses two earlier states.
         span: s [s].
         factor: s / (1 + (alpha + beta) s) [s].
-        share: alpha s, of the flange's motion in that of a node.
+        alpha_s: alpha s, weight of damping relative to the flange.
     """
 
     two_steps: bool
     span: float
     factor: float
-    share: float
+    alpha_s: float
 
 
 @kernel
-def fill_bed(
+def fill_inertia_target(
     x: Matrix,
     velocity: Matrix,
     earlier_x: Matrix,
     earlier_velocity: Matrix,
     along: Matrix,
-    numbers: BedNumbers,
+    numbers: StepCoefficients,
     base: Matrix,
     target: Matrix,
 ) -> None:
@@ -53,35 +54,35 @@ def fill_bed(
     Args:
         x: (n, 3) [m].
         velocity: (n, 3) [m/s].
-        earlier_x: one step earlier; of one step alone: anything.
+        earlier_x: one step earlier; not used by one-step schemes.
         earlier_velocity: the same.
-        along: (n, 3) [m/s], u of `follow_flange`; without damping: anything finite.
-        numbers: of the step.
+        along: (n, 3) [m/s], u of `fill_flange_velocity`; finite, but not used without damping.
+        numbers: coefficients of the step.
         base: filled.
         target: filled.
     """
     for i in range(x.shape[0]):
         for r in range(3):
-            place, speed = x[i, r], velocity[i, r]
+            position, speed = x[i, r], velocity[i, r]
             if numbers.two_steps:
-                place = (4.0 * place - earlier_x[i, r]) / 3.0
+                position = (4.0 * position - earlier_x[i, r]) / 3.0
                 speed = (4.0 * speed - earlier_velocity[i, r]) / 3.0
-            base[i, r] = place
-            target[i, r] = place + numbers.factor * (speed + numbers.share * along[i, r])
+            base[i, r] = position
+            target[i, r] = position + numbers.factor * (speed + numbers.alpha_s * along[i, r])
 
 
 @kernel
 def fill_flight(
     x: Matrix, velocity: Matrix, earlier_velocity: Matrix, h: float, fraction: float, flight: Matrix
 ) -> None:
-    """Fill flight (n, 3) [m]: where nodes get if their acceleration stays, or their velocity where it won't.
+    """Fill flight (n, 3) [m], positions after a step at constant acceleration, or else constant velocity.
 
     Args:
         x: (n, 3) [m].
         velocity: (n, 3) [m/s].
-        earlier_velocity: one step of h [s] earlier; where that is not known, `velocity`.
+        earlier_velocity: one step of h [s] earlier; `velocity` if that is not known.
         h: [s].
-        fraction: of the step's gain in velocity that moves them: 1/2 with BDF2, which moves them with the
+        fraction: of the step's change of velocity that moves nodes: 1/2 with BDF2, which moves them at the
             velocity in the middle of the step, 1 with implicit Euler.
         flight: filled.
     """
@@ -100,9 +101,9 @@ def fill_flight(
 def keep_folds_open(
     x: Matrix, hinges: IndexTable, theta1: float, before: Vector, angles: Vector, flight: Matrix
 ) -> bool:
-    """Let the nodes of folds that close in free flight move as one; return whether there are any.
+    """Move the nodes of folds that close in free flight by their mean; return whether there are any.
 
-    From a closed fold Newton's method doubles the angle per iteration, as the moment goes with 1 / angle.
+    Newton's method would only double a closed fold's angle per iteration, as the moment goes with 1 / angle.
 
     Args:
         x: (n, 3) [m], before the step.
@@ -114,7 +115,7 @@ def keep_folds_open(
     """
     closes = False
     for h in range(hinges.shape[0]):
-        # how far from where its films meet, whichever way it folds
+        # distance in angle from the closed fold, on either side
         gap, left = min(before[h], TURN - before[h]), min(angles[h], TURN - angles[h])
         if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1) or left > _STAYS * gap:
             continue

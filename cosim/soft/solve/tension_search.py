@@ -1,0 +1,133 @@
+"""Search for cable tensions that bring the deformed tip to a target, with a fixed flange.
+
+The Gauss-Newton search comes first. If it fails, tensions are swept along straight lines from the present
+state, and a height is searched for between any two states on either side of it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from cosim.base.frames import Array, Pose
+from cosim.errors import ConvergenceError, UnreachableError
+from cosim.soft.body.loads import Loads
+from cosim.soft.body.places import TipFrame
+from cosim.soft.solve.state import Equilibrium
+from cosim.soft.solve.tension_sweep import TensionSweep, pull_lines, tensions_text
+from cosim.soft.solve.tip_search import Follower, SearchEnd, TipSearch
+from cosim.soft.solve.tip_target import TargetOptions, TargetSolution, TipTarget
+
+_LARGEST_CHANGE_N = 10.0
+
+
+@final
+@dataclass(frozen=True)
+class _TensionChange:
+    """A change of the cable tensions (cables,) [N] that leaves none negative."""
+
+    follower: Follower
+    tension_max_N: float
+
+    def jacobian(self, here: Equilibrium) -> tuple[TipFrame, Array]:
+        sensitivity = self.follower.sensitivity(here)
+        return sensitivity.tip, sensitivity.to_tension()
+
+    def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+        from scipy.optimize import lsq_linear  # here: it takes long to load
+
+        tension = np.array(here.loads.cable_tension_N)
+        # a small regularisation decides among equivalent tensions
+        keep = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))
+        lower = np.maximum(-tension, -bound * _LARGEST_CHANGE_N)
+        upper = np.minimum(np.maximum(self.tension_max_N - tension, 0.0), bound * _LARGEST_CHANGE_N)
+        problem = np.concatenate([matrix, keep]), np.concatenate([missing, np.zeros(len(tension))])
+        return np.asarray(lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x)
+
+    def size(self, change: Array) -> float:
+        return float(np.abs(change).max(initial=0.0)) / _LARGEST_CHANGE_N
+
+    def moved(self, here: Equilibrium, change: Array) -> tuple[Pose, Loads]:
+        pulled = np.maximum(np.array(here.loads.cable_tension_N) + change, 0.0)
+        return here.world_from_flange, replace(here.loads, cable_tension_N=tuple(pulled.tolist()))
+
+
+def find_tensions(
+    follower: Follower, begin: Equilibrium, target: TipTarget, options: TargetOptions | None = None
+) -> TargetSolution:
+    """Find the cable tensions, none negative, that bring the deformed tip to the target; the flange is fixed.
+
+    Args:
+        follower: of equilibria of the body.
+        begin: present equilibrium.
+        target: of the tip, world; a point or only a height.
+        options: bounds.
+
+    Raises:
+        UnreachableError: not found; `closest` is the best TargetSolution.
+    """
+    options = options or TargetOptions()
+    search = TipSearch(follower, target, options, _TensionChange(follower, options.tension_max_N))
+    result = search.run(begin)
+    if not result.reason:
+        return result.nearest
+    sweeps: list[TensionSweep] = []
+    for line in pull_lines(follower, begin, options.tension_max_N):
+        sweeps.append(TensionSweep(follower, begin, line, target))
+        for found in sweeps[-1].crossings(options.position_tolerance_m):
+            solution = search.evaluate(found, result.nearest.iterations)
+            if options.met(solution) and _stable(follower, found):
+                return solution
+    again = [search.run(sweep.nearest) for sweep in sweeps]
+    result = min([result, *again], key=lambda each: each.nearest.position_error_m)
+    if not result.reason:
+        return result.nearest
+    raise UnreachableError(_refusal(result, target, sweeps, options.tension_max_N), result.nearest)
+
+
+def tension_slope(follower: Follower, here: Equilibrium, target: TipTarget) -> float:
+    """Return the largest change of a cable's tension per error of the tip, from J+ [N/m].
+
+    J+ is the pseudoinverse of d(tip)/d(tensions), for the target's components, without slack cables.
+
+    Args:
+        follower: of equilibria of the body.
+        here: equilibrium on the target.
+        target: of the tip.
+
+    Raises:
+        ConvergenceError: the equilibrium is not stable.
+    """
+    sensitivity = follower.sensitivity(here)
+    rows, _ = target.error(sensitivity.tip)
+    pulled = np.array(here.loads.cable_tension_N) > 0.0
+    if not pulled.any():
+        return 0.0
+    places = rows[rows[:, :3].any(axis=1)]
+    back = np.linalg.pinv(places @ sensitivity.to_tension()[:, pulled])
+    return float(np.linalg.norm(back, axis=1).max(initial=0.0))
+
+
+def _stable(follower: Follower, here: Equilibrium) -> bool:
+    try:
+        follower.sensitivity(here)
+    except ConvergenceError:
+        return False
+    return True
+
+
+def _refusal(result: SearchEnd, target: TipTarget, sweeps: list[TensionSweep], tension_max_N: float) -> str:
+    nearest = result.nearest
+    goal = "the target" if target.height is None else f"a height of {target.height:g} m"
+    message = (
+        f"no cable tensions of 0 to {tension_max_N:g} N found that bring the tip to {goal}; the nearest is "
+        f"{nearest.off()} off at {tensions_text(nearest.equilibrium)}: {result.reason}"
+    )
+    if target.height is None:
+        lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)
+        return "; ".join([message, *lost])
+    walked = [sweep for sweep in sweeps if sweep.walked]
+    heights = [height for sweep in walked for height in sweep.heights]
+    if heights and not min(heights) <= target.height <= max(heights):
+        message += f"; ask for a height that was reached, {min(heights):.4f} to {max(heights):.4f} m"
+    return "; ".join([message, *(sweep.describe() for sweep in walked)])
