@@ -21,7 +21,7 @@ from cosim.plan import tip_errors
 from cosim.plan.commands import RobotCommand, SoftCommand, loads_of
 from cosim.plan.plan import PhasePlan, Plan
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of
+from cosim.soft.body.places import describe_node
 from cosim.soft.solve import branching
 from cosim.soft.solve.state import Equilibrium
 from cosim.stepping.carrier import Carrier
@@ -108,7 +108,7 @@ class Parts:
         """
         positions = self.shape_reader.positions(shape)
         films, in_links = self.soft.overlap(positions), self.carrier.film_in_links(positions, joints)
-        place = partial(place_of, self.soft.body, positions)
+        place = partial(describe_node, self.soft.body, positions)
         links = (branching.FilmOverlap(each.depth_m, place(each.node), each.link) for each in in_links)
         return (*links, *(() if films is None else (films,)))
 

@@ -271,7 +271,7 @@ def test_copies_carry_it_along_with_what_it_remembers() -> None:
     turned = np.concatenate([alone[1] @ pose.rotation.T for pose in poses])
     assert together[1] == pytest.approx(turned, abs=1e-9 * np.abs(alone[1]).max())
     kept = [
-        hung(held(body), pressure_Pa=(2e3,)).state.memory[body.memory_places[-1]] for body in (framed, framed)
+        hung(held(body), pressure_Pa=(2e3,)).state.memory[body.memory_slices[-1]] for body in (framed, framed)
     ]
     np.testing.assert_array_equal(*kept)
     assert np.abs(kept[0] - beams.first_memory(x)).max() > 1e-4

@@ -12,7 +12,7 @@ from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.elements.cable import Cable, TRANSITION_m, base_tension, onset, stretch_at
-from cosim.soft.elements.eyelets import SHARE
+from cosim.soft.elements.eyelets import BASE_FRACTION
 from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.geometry.surface import dihedral_angle
@@ -169,7 +169,10 @@ def test_the_tension_in_a_step_is_that_of_the_length_at_its_end(monkeypatch: pyt
     for _ in range(5):
         state, _ = stepper.step(state, HANGING, loads, 0.02)
         tension = base_tension(first, state.positions, loads.cable_length_m[0] or 0.0)
-        weight, lengths = frozen[-1][: len(first.segments), SHARE], first.segment_lengths(state.positions)
+        weight, lengths = (
+            frozen[-1][: len(first.segments), BASE_FRACTION],
+            first.segment_lengths(state.positions),
+        )
         force = onset(float(weight @ lengths) - (loads.cable_length_m[0] or 0.0))[1]
         assert first.stiffness_N_m * force == pytest.approx(tension, abs=1e-3)
         assert tension > 0.5

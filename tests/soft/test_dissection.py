@@ -19,7 +19,8 @@ from cosim.soft.geometry.polygonal_stack import PolygonalStack
 from cosim.soft.geometry.surface import interior_hinges
 from cosim.soft.linear import cholesky as dissected_cholesky
 from cosim.soft.linear.cholesky import DissectedCholesky, EnvelopeCholesky, cholesky
-from cosim.soft.linear.fronts import FrontTree, dissect, least_cuts, length_left
+from cosim.soft.linear.dissection import dissect, least_cuts
+from cosim.soft.linear.fronts import FrontTree, length_left
 from cosim.soft.linear.linear_solver import LinearSolver
 from cosim.soft.linear.pattern import CoupledPattern
 from tests.soft.bodies import FILM, hexagon_arm

@@ -14,7 +14,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.contact.obstacle_contact import ContactPlanes
 from cosim.soft.elements.cable import Cable
-from cosim.soft.elements.eyelets import SHARE
+from cosim.soft.elements.eyelets import BASE_FRACTION
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult, Outcome
 from cosim.soft.solve.pseudo_time import slide
@@ -188,11 +188,11 @@ def test_a_cable_with_friction_settles() -> None:
     arm = held(hexagon_arm(4, cables=cables))
     found = hung(arm, pressure_Pa=(PRESSURE_Pa,), cable_tension_N=(6.0, 2.0))
     x = found.state.positions
-    share = arm.film.losses_at(x, found.loads)
-    assert share[0, SHARE] == 1.0
-    assert share[2, SHARE] < 0.999
+    rows = arm.film.losses_at(x, found.loads)
+    assert rows[0, BASE_FRACTION] == 1.0
+    assert rows[2, BASE_FRACTION] < 0.999
     assert found.iterations > 5  # all rounds, not the last one alone, which takes none
-    arm.film.evaluate(x, found.loads, share, found.state.memory)
+    arm.film.evaluate(x, found.loads, rows, found.state.memory)
     # with the tensions of the shape that was found, not those of the one before
     assert np.abs(arm.film.gradient[arm.newton.free]).max() < 1e-6
 

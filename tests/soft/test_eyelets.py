@@ -56,7 +56,7 @@ class Route:
         return self.tension(loads.cable_tension_N[0])
 
     def tension(self, pull_N: float) -> Array:
-        own = self.body.memory_places[self.body.elements.index(self.cable)]
+        own = self.body.memory_slices[self.body.elements.index(self.cable)]
         return tensions(pull_N, self.cable, self.x, self.memory[own])
 
 

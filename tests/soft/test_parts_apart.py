@@ -17,7 +17,7 @@ from cosim.soft.contact.contact_law import ContactLaw
 from cosim.soft.contact.contact_points import ContactSurface
 from cosim.soft.elements.frame_ring import FrameRings
 from cosim.soft.film.film import FilmPotential
-from cosim.soft.linear.pattern import BlockPattern, ranges_apart
+from cosim.soft.linear.pattern import BlockPattern, uncoupled_ranges
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 from cosim.soft.solve.state import SoftState
 from cosim.soft.solve.step_scheme import StepOptions
@@ -56,7 +56,7 @@ def gripper() -> SoftBody:
 
 def bounds_of(body: SoftBody) -> list[int]:
     """Return where ranges of a body's nodes begin that nothing couples, and their number."""
-    return list(ranges_apart(FilmPotential(body).pattern))
+    return list(uncoupled_ranges(FilmPotential(body).pattern))
 
 
 def test_fingers_are_apart_and_what_an_arm_joins_is_not() -> None:
@@ -69,7 +69,7 @@ def test_fingers_are_apart_and_what_an_arm_joins_is_not() -> None:
 
 def test_lone_nodes_belong_to_a_neighbour_and_interleaved_bodies_are_one() -> None:
     def found(pairs: list[tuple[int, int]]) -> list[int]:
-        return list(ranges_apart(BlockPattern.from_elements(8, [np.array(pairs, np.int64)])))
+        return list(uncoupled_ranges(BlockPattern.from_elements(8, [np.array(pairs, np.int64)])))
 
     assert found([(1, 2), (2, 3), (5, 6)]) == [0, 5, 8]
     assert found([(0, 4), (1, 3), (5, 7)]) == [0, 5, 8]

@@ -16,7 +16,7 @@ from cosim.reduced.solve.clamp import FrameClamp, node_motion
 from cosim.reduced.solve.commanded_cables import point_of
 from cosim.reduced.solve.tangent import ChainPoint, whole_tangent
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import branching
 from cosim.soft.solve.branching import LowestMode
@@ -182,7 +182,7 @@ class RestingChain:
         motion = self.motion @ whole
         scale = motion.ravel()[np.argmax(np.abs(motion))]
         x, free = section.positions(self.frames, self.pressure_Pa), np.ones(motion.shape, np.bool_)
-        mode, place = motion / scale, place_of_largest(section.body, x, motion, free)
+        mode, place = motion / scale, describe_largest(section.body, x, motion, free)
         return LowestMode(float(value[0]), mode, place), vector[:, 0]
 
     def _grown(self, change: float, frames: Array) -> tuple[Loads, float]:

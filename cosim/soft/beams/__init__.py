@@ -1,1 +1,1 @@
-"""Stiffeners as rings of beams: `beam_rings` is the element, the other files what it is made of."""
+"""Stiffeners as rings of beams: `beam_rings` is the element, `beam` and `ring_kernels` its kernels."""

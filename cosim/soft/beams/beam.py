@@ -1,13 +1,10 @@
-"""The energy of a ring's beams between nodes that have rotations, in lanes, and its second derivatives.
+"""The energy of a ring's beams between nodes with rotations, in lanes, and its first and second derivatives.
 
-Energies and gradients of a ring's beams in groups, one beam per lane, by these measures.
-
-Quantity q of a lane is at s[q + lane], q a multiple of LANES: constant distances are what lets loops over
-lanes vectorise. Those of a beam's second end are SECOND further on than those of its first. What is linear in
-the chord's direction and the directors has the vectors that these meet in it as derivatives.
-
-A beam leads from node 1 to node 2: chord v, its length l = |v|, direction t = v / l, drawn length L. Each
-end turns with its node; its directors d1, d2, d3 are along the drawn chord, in the ring's plane, and across.
+Beams are computed in groups, one per lane. Quantity q of a lane is at s[q + lane], q a multiple of LANES;
+constant strides let loops over lanes vectorise, and vectors of three values are tuples for the same reason.
+Quantities of a beam's second end are SECOND further on than those of its first. A beam leads from node 1 to
+node 2: chord v, its length l = |v|, direction t = v / l, drawn length L. Each end turns with its node; its
+directors d1, d2, d3 are along the drawn chord, in the ring's plane, and across.
 With c = t . d1, s_k = t . d_k the section at an end is turned against the chord by the angles
     theta_k = s_k arccos(c) / (1 - c^2)^(1/2),   k = 2, 3.
 Between the ends the centre line is the cubic that has them, longer than its chord by its slope squared,
@@ -16,18 +13,12 @@ and the twist phi is the part about d1 of the turn between the ends,
     phi = atan2(S, C),   S = d3_1 . d2_2 - d2_1 . d3_2,   C = d2_1 . d2_2 + d3_1 . d3_2,
     energy = E A L strain^2 / 2 + sum over k 2 E I_k / L (theta_k1^2 + theta_k1 theta_k2 + theta_k2^2)
              + G J phi^2 / (2 L).
-So loads on nodes bend a straight beam as they should whatever the number of nodes (strains small, turns of
-any size). The measures l, (c, s_2, s_3) at both ends, S and C are linear in t and in each end's directors.
+So loads on nodes bend a straight beam correctly for any number of nodes (small strains, rotations of any
+size). The measures l, (c, s_2, s_3) at both ends, S and C are linear in t and in each end's directors.
 Source: Crisfield, Non-linear Finite Element Analysis of Solids and Structures, vol. 2, chapter 17, for
 corotational beams; Oran, J. Struct. Div. ASCE 99 (1973) 987, for the strain by bowing.
-
-Vectors of three values for kernels: tuples, so that loops over lanes vectorise.
-
-Second derivatives of the energies of beams by their chords and by the turns of their nodes.
-
-The energy is one of measures that are linear in the chord's direction t and in the directors d of each end
-(in lanes). A turn w of a node changes its directors by w x d + w x (w x d) / 2, a change of the chord
-v the direction by (1 - t t^T) dv / l; the derivatives of products follow from these.
+Second derivatives follow from these: a rotation w of a node changes its directors by w x d + w x (w x d) / 2,
+and a change dv of the chord changes its direction by (1 - t t^T) dv / l.
 """
 
 import math

@@ -1,19 +1,15 @@
 """Stiffeners with a section: closed rings of beams whose nodes are nodes of the film; their strength.
 
-The rectangular section of a beam: its stiffness against stretch, bending and twist.
-
-The film knows positions alone, a beam also how its ends are turned. The turns are unknowns of the ring alone
-(loads and film hold no node against turning), so they are taken where they are in balance:
+The film has positions only, a beam also rotations of its ends. The rotations are unknowns of the ring alone
+(loads and film do not act on them), so they are eliminated at their equilibrium:
     energy(x) = min over the turns R of the sum of all beams' energies(x, R),   see `ring_kernels`,
     gradient  = derivative by x at these turns,
     hessian   = E_xx - E_xR E_RR^-1 E_Rx,
-a full matrix over the ring. A node turns as one, so that corners of the drawn shape are built in, and a
-straight side of one beam or of eight has the same stiffness between its ends (`beam`): the energy is
-that of a continuous ring, whatever the refinement. Without loads the ring has its drawn shape.
-What is remembered are the turns of the last accepted state, quaternions in axes of the ring, from which the
-next ones are sought, and a factor of E_RR with which.
-
-Which stiffeners of a body are nearest to their strength.
+a full matrix over the ring. A node rotates as one, so that corners of the drawn shape are rigid, and a
+straight side of one beam or of eight has the same stiffness between its ends (`beam`): the energy is that of
+a continuous ring, for any refinement. Without loads the ring has its drawn shape. The memory holds the
+rotations of the last accepted state, as quaternions in axes of the ring, and a factor of E_RR; both start the
+next solution.
 """
 
 import math
@@ -40,7 +36,7 @@ class RectangularSection:
         height_m: h, across that plane.
         young_modulus_Pa: E.
         poisson_ratio: nu; the shear modulus is G = E / (2 (1 + nu)).
-        strength_strain: largest strain that the material bears; infinite where nobody said it.
+        strength_strain: largest strain that the material bears; infinite if not known.
 
     Raises:
         InputError: a constant out of its bounds.
@@ -153,7 +149,7 @@ class BeamRings(LeafElement):
         return np.tile(np.append(np.tile([1.0, 0.0, 0.0, 0.0], nodes), np.zeros(3 * BAND * nodes)), count)
 
     def fresh(self, memory: Array) -> Array:
-        """Return memory (m,) without factors: the turns' tangents are looked at again."""
+        """Return memory (m,) without factors, so that the tangents of rotations are computed again."""
         rows = memory.reshape(len(self.rings), -1).copy()
         rows[:, 4 * self.rings.shape[1] :] = 0.0
         return rows.ravel()
@@ -186,7 +182,7 @@ class StiffenerStrain(NamedTuple):
 
     Args:
         peak: largest strain of a fibre.
-        strength: that their material bears; infinite where nobody said it.
+        strength: strain that their material bears; infinite if not known.
     """
 
     peak: float

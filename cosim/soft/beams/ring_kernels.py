@@ -1,23 +1,14 @@
-"""Rings of beams in kernels: the turns of their nodes in balance, gradient, tangent, strain.
+"""Kernels of rings of beams: equilibrium of their nodes' rotations, gradient, tangent, strain.
 
-The turns of a ring's nodes that are in balance at given positions: a small Newton's method.
-
-A ring of m nodes has 3 m unknown turns. Given the positions, the energy of its beams has a minimum in them;
-it is followed from given quaternions by Newton's method with a line search, shifted where the tangent is not
-positive definite, and led away from saddles, such as that of a flat ring whose beams buckle. The factor is
-kept while steps shrink well, in dynamics from one step in time to the next, in statics within a solution; the
-search ends where what the last step leaves is below a small turn, judged by how the steps shrink. All of it
-happens in axes of the ring, laid through three of its nodes, so that a rigid motion changes nothing.
-
-A ring in lanes: its beams in groups as the kernels of `beam` take them, what goes in and what comes out.
-
-Cholesky factor of a closed ring's matrix: each node is coupled with itself and its two neighbours.
-
-Taken from both sides at once, as 0, 1, m - 1, 2, m - 2, ..., neighbours are two places apart at most, so
-that the closed ring becomes a band: with three unknowns a node, row i reaches back to column i - 8.
-A band (3 m, 9) holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; of a factor, the diagonal is reciprocal.
-
-Kernels of rings of beams: what they add to gradient and tangent, how far their fibres are strained.
+A ring of m nodes has 3 m unknown rotations. For given positions they minimise the energy of its beams, by
+Newton's method with a line search from given quaternions, shifted where the tangent is not positive definite,
+and led away from saddles, such as that of a flat ring whose beams buckle. The factor is reused while steps
+shrink well, in dynamics across time steps, in statics within a solution. The search ends when the remaining
+error, estimated from the shrinking steps, is below a small angle. All of it is in axes of the ring, set by
+three of its nodes, so that a rigid motion changes nothing. The matrix of a closed ring couples each node with
+itself and its two neighbours. In the order 0, 1, m - 1, 2, m - 2, ..., neighbours are at most two apart, so
+that the matrix is a band: with three unknowns a node, row i reaches back to column i - 8. A band (3 m, 9)
+holds entry (i, j), i - 8 <= j <= i, at [i, i - j]; in a factor, the diagonal is reciprocal.
 """
 
 import math
@@ -80,7 +71,7 @@ _STEPS_MAX = 100
 _HALVINGS_MAX = 12
 _LARGEST_TURN = 0.5  # [rad] in one step
 SMALL_TURN: Final = 1e-11
-SMALL_TURN_BY_KEPT: Final = 1e-12
+SMALL_TURN_REUSED: Final = 1e-12
 """In statics with a factor from before: there steps shrink by a share each, not with the square."""
 SMALL_TURN_IN_MOTION: Final = 3e-9
 """Where steps in time ask for newtons alone: a beam of 4 mm x 2.5 GPa, 25 mm long, answers with 4e-7 N."""
@@ -221,11 +212,11 @@ def _fill_unstable_step(w: RingWork) -> tuple[float, float]:
 
 
 @device_function
-def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: float, kept: bool) -> float:
+def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: float, reused: bool) -> float:
     """Bring the turns of ring f into balance from those that it has; return the energy [J], or infinity.
 
     Afterwards `w` holds turns and first derivatives there; if told to, second ones too, and the factor of
-    those by the turns. The search ends with an error of `small` [rad]; with `kept` it begins with
+    those by the turns. The search ends with an error of `small` [rad]; with `reused` it begins with
     the factor that is in `w`.
     """
     stiffest = 0.0
@@ -233,8 +224,8 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
         stiffest = max(stiffest, (beams.rigidities[1] + beams.rigidities[2]) / beams.lengths[f, e])
     w.step[:] = 0.0
     place_step(w.lanes, w.places, w.step)
-    energy, shift, last = _sum_beams(beams, f, w, 0.0, not kept, hessian), 0.0, 1.0
-    fresh, done = not kept, False
+    energy, shift, last = _sum_beams(beams, f, w, 0.0, not reused, hessian), 0.0, 1.0
+    fresh, done = not reused, False
     for _ in range(_STEPS_MAX):
         if fresh:
             shift = 0.0
@@ -250,10 +241,10 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
         if shift > 0.0 and largest < _STUCK_TURN:
             largest, slope = _fill_unstable_step(w)
         fraction, before = min(1.0, _LARGEST_TURN / max(largest, 1e-300)), energy
-        shrinks = kept or (largest < _SHRINKS * last and shift == 0.0)
-        if kept:  # nothing has shown yet how well it serves
-            last, kept = max(largest, 1e-300) / _SHRINKS, False
-        # a factor that serves well is kept; what it leaves shrinks as the steps do
+        shrinks = reused or (largest < _SHRINKS * last and shift == 0.0)
+        if reused:  # its convergence is not known yet
+            last, reused = max(largest, 1e-300) / _SHRINKS, False
+        # a factor that converges well is reused; the remaining error shrinks as the steps do
         done = shift == 0.0 and largest * min(1.0, largest / last) < small
         fresh = (done and hessian) if shrinks or done else True
         place_step(w.lanes, w.places, w.step)
@@ -434,9 +425,9 @@ def add_beam_rings(
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
         there = _read_memory(x, beams, f, memory.before, w)
-        kept = there and not with_hessian
-        small = SMALL_TURN_IN_MOTION if beams.moving else SMALL_TURN_BY_KEPT if kept else SMALL_TURN
-        energy += balance_turns(beams, f, w, with_hessian, small, kept)
+        reused = there and not with_hessian
+        small = SMALL_TURN_IN_MOTION if beams.moving else SMALL_TURN_REUSED if reused else SMALL_TURN
+        energy += balance_turns(beams, f, w, with_hessian, small, reused)
         if not energy < np.inf:
             return np.inf
         for i in range(count):

@@ -1,11 +1,4 @@
-"""The soft body: what it is made of (frozen) and the loads on it (frozen).
-
-Gas chambers: which film and which caps of a body enclose the gas of each.
-
-Which triangles of a body are of which film: all of one, or each face group of its own.
-
-How the elastic energy of a body is shared between its film and its hinges.
-"""
+"""The soft body: its nodes, elements, films by face group, and gas chambers."""
 
 from __future__ import annotations
 
@@ -25,6 +18,11 @@ from cosim.soft.elements.hinge import Hinges
 from cosim.soft.geometry.named_mesh import TIP_END
 from cosim.soft.geometry.surface import check_face_groups, dihedral_angle, rows_of
 
+LEAST_TIP_AREA: Final = 1e-6
+"""Vector area of a drawn tip ring over the square of its length below which the tip is a line."""
+_ROUNDING_J = 1e-15
+_Kind = TypeVar("_Kind", bound=Element)
+
 
 @final
 @dataclass(frozen=True)
@@ -33,8 +31,8 @@ class GasChamber:
 
     Args:
         name: such as "copy_2".
-        triangles: (t,) places in the body's film triangles.
-        caps: places in the body's caps.
+        triangles: (t,) indices of the body's film triangles.
+        caps: indices of the body's caps.
     """
 
     name: str
@@ -42,7 +40,7 @@ class GasChamber:
     caps: tuple[int, ...]
 
     def shifted(self, name: str, triangles: int, caps: int) -> GasChamber:
-        """Return the same chamber under another name, where this many triangles and caps come before it."""
+        """Return the same chamber under another name, with indices shifted."""
         return GasChamber(name, self.triangles + triangles, tuple(cap + caps for cap in self.caps))
 
 
@@ -50,9 +48,9 @@ def check_chambers(chambers: Sequence[GasChamber], triangles: int, caps: int) ->
     """Check that every triangle and cap belongs to exactly one chamber, and that names differ.
 
     Args:
-        chambers: of a body; none is fine.
-        triangles: how many it has.
-        caps: how many it has.
+        chambers: of a body; may be empty.
+        triangles: number of triangles of the body.
+        caps: number of caps of the body.
 
     Raises:
         MeshError: they do not.
@@ -85,12 +83,12 @@ def by_film(
 
     Args:
         triangles: (m, 3) node indices.
-        film: material of all, or of each face group, in the order in which the triangles come.
-        groups: places of triangles by name; others than those of `film` do not matter.
+        film: material of all triangles, or of each face group; the groups' order is that of the result.
+        groups: indices of triangles by name; groups without a film are ignored.
         panel_m: (m,) or one number.
 
     Raises:
-        MeshError: a film's group is not there, or a triangle has no film or several.
+        MeshError: a film's group is unknown, or a triangle has no film or several.
     """
     panel = np.broadcast_to(panel_m, (len(triangles),))
     if isinstance(film, material.Film):
@@ -117,16 +115,11 @@ def _names(groups: Iterable[str]) -> str:
     return ", ".join(filter(None, groups)) or "none"
 
 
-_Kind = TypeVar("_Kind", bound=Element)
-LEAST_TIP_AREA: Final = 1e-6
-"""Vector area of a drawn tip ring over the square of its length below which the tip is a line."""
-
-
 class BodyParts(TypedDict, total=False):
-    """What a body may have besides nodes, triangles and film, see `SoftBody.from_arrays`.
+    """Optional parts of a body in addition to nodes, triangles and film, see `SoftBody.from_arrays`.
 
     Args:
-        face_groups: places of triangles by name; those named by the film hold every triangle once.
+        face_groups: indices of triangles by name; those named by the film contain every triangle once.
         wrinkle_panel_m: (m,) or one number, see `Membranes`; a film of law "wrinkling" needs it.
         hinge_nodes: (h, 4) nodes i, j, k, l; j-k is the edge.
         hinge_stiffness: (h,) or one number [N m/rad].
@@ -168,23 +161,23 @@ def _hinges(x: Array, parts: BodyParts) -> Hinges:
 @final
 @dataclass(frozen=True)
 class SoftBody:
-    """A body of film, with whatever else has a potential of its nodes' positions, described once.
+    """A body of film, and other elements with a potential of its nodes' positions.
 
     Args:
         positions: (n, 3) [m], drawn shape, frame of the flange.
-        elements: film triangles and hinges, cables, frames and others; kept kind by kind.
+        elements: film triangles and hinges, cables, frames and others; sorted by kind.
         caps: hole rings that close the chamber, fan normals outward.
         closed: whether the caps carry pressure; False is the paper's open chamber.
         node_mass: (n,) [kg].
         base: nodes that follow the flange.
         tip: nodes of the last hole ring, in order.
-        rings: names of node groups.
-        center_rings: names of those that the centre line runs through before the tip; none: base to tip.
-        frame_rings: names of those that are frames of a section model, base to tip; none: it has none.
-        chambers: which parts enclose their own gas; none: all of it encloses one.
-        tip_along: (3,) drawn direction of the film in ring `TIP_END`, which gives that of a tip that is a
-            line; None: the line from `before_tip` to the tip does.
-        copies: flange_from_copy of the copies that it is made of, node after node; none: it is one body.
+        rings: node groups by name.
+        center_rings: names of the rings on the centre line before the tip; empty: the base.
+        frame_rings: names of the rings that are frames of a section model, base to tip; empty for none.
+        chambers: parts that enclose separate gases; empty: one chamber.
+        tip_along: (3,) drawn direction of the film in ring `TIP_END`, for the direction of a tip that is a
+            line; None: the line from `before_tip` to the tip.
+        copies: flange_from_copy of the body's copies, in order of nodes; empty for a single body.
     """
 
     positions: Array
@@ -245,10 +238,10 @@ class SoftBody:
         return replace(self, elements=(*self.elements, *elements))
 
     def with_other(self, kind: type[_Kind], *elements: _Kind) -> SoftBody:
-        """Return the body with others in place of all its elements of a kind."""
-        kept = tuple(element for element in self.elements if not isinstance(element, kind))
-        place = next((k for k, element in enumerate(self.elements) if isinstance(element, kind)), len(kept))
-        return replace(self, elements=(*kept[:place], *elements, *kept[place:]))
+        """Return the body with all its elements of a kind replaced."""
+        rest = tuple(element for element in self.elements if not isinstance(element, kind))
+        index = next((k for k, element in enumerate(self.elements) if isinstance(element, kind)), len(rest))
+        return replace(self, elements=(*rest[:index], *elements, *rest[index:]))
 
     @cached_property
     def membranes(self) -> tuple[membrane.Membranes, ...]:
@@ -286,19 +279,19 @@ class SoftBody:
         return tuple(entry for entry in self.of_kind(frame_ring.FrameRings) if entry.leads_on)
 
     def first_memory(self) -> Array:
-        """Return what the elements remember (values,) of the drawn shape, one after the other."""
+        """Return the elements' memory (values,) for the drawn shape, element by element."""
         return np.concatenate([element.first_memory(self.positions) for element in self.elements])
 
     @cached_property
-    def memory_places(self) -> tuple[slice, ...]:
-        """Where each element's part of that is."""
+    def memory_slices(self) -> tuple[slice, ...]:
+        """Slice of each element's values in the memory."""
         sizes = [len(element.first_memory(self.positions)) for element in self.elements]
         ends = np.cumsum(sizes).tolist()
         return tuple(slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
 
     @property
     def gas_chambers(self) -> tuple[GasChamber, ...]:
-        """The chambers; one that encloses all of the body where none are named."""
+        """The chambers; a single one for the whole body if none are named."""
         if self.chambers:
             return self.chambers
         return (GasChamber(ONLY_CHAMBER, np.arange(len(self.triangles)), tuple(range(len(self.caps)))),)
@@ -317,13 +310,13 @@ class SoftBody:
         film: material.Film | Mapping[str, material.Film],
         **parts: Unpack[BodyParts],
     ) -> SoftBody:
-        """Return a body from plain arrays, so that foreign meshes run.
+        """Return a body from plain arrays, for meshes from other sources.
 
         Args:
             positions: (n, 3) [m], stress-free shape of the film.
             triangles: (m, 3), outward orientation.
-            film: material of all triangles, or of those of each face group; these come in that order.
-            parts: what else there is, see `BodyParts`.
+            film: material of all triangles, or of each face group; triangles are sorted in that order.
+            parts: optional parts, see `BodyParts`.
 
         Raises:
             MeshError: degenerate triangles, unknown nodes, negative masses, a triangle with no film or two.
@@ -370,7 +363,7 @@ class SoftBody:
 
     @cached_property
     def tip_is_line(self) -> bool:
-        """Whether the drawn tip ring encloses no area, as that of sheets that are drawn flat."""
+        """Whether the drawn tip ring encloses no area, as for sheets that are drawn flat."""
         r = self.positions[self.tip]
         following = np.roll(r, -1, axis=0)
         area = cross(r - r[:1], following - r[:1]).sum(axis=0)
@@ -379,7 +372,7 @@ class SoftBody:
 
     @property
     def before_tip(self) -> IntArray:
-        """Nodes of the last ring that the centre line runs through before the tip."""
+        """Nodes of the last ring on the centre line before the tip."""
         if self.center_rings:
             return self.rings[self.center_rings[-1]]
         return self.rings.get("base", self.base)
@@ -404,7 +397,7 @@ class SoftBody:
 
     @property
     def tip_measured_by(self) -> str:
-        """By what the tip's direction is measured, in words."""
+        """Definition of the tip's direction, in words."""
         if not self.tip_is_line:
             return "normal of the tip ring"
         if self.tip_along is not None:
@@ -416,8 +409,8 @@ class SoftBody:
     def tip_direction(self, positions: Array) -> Array:
         """Return the unit normal (3,) of the tip ring, pointing away from the body.
 
-        The vector area of the ring, sum_i r_i x r_i+1 / 2, as ordered for the cap. Of a tip that is a line
-        in the drawn shape: see `tip_way`.
+        It is that of the ring's vector area, sum_i r_i x r_i+1 / 2, in the order of the cap. For a tip that
+        is a line in the drawn shape, see `tip_way`.
         """
         r = positions[self.tip]
         if self.tip_is_line:
@@ -429,15 +422,15 @@ class SoftBody:
 
 
 def _with_neighbours_joined(elements: list[Element]) -> list[Element]:
-    """Return elements, neighbours of a counted kind that have the same constants as one."""
-    found: list[Element] = []
+    """Return the elements, with neighbours of a counted kind and the same constants joined."""
+    joined: list[Element] = []
     for element in elements:
-        last = found[-1] if found else None
+        last = joined[-1] if joined else None
         if element.counted and type(last) is type(element) and not element.differences(last):
-            found[-1] = element.joined([last, element])
+            joined[-1] = element.joined([last, element])
         else:
-            found.append(element)
-    return found
+            joined.append(element)
+    return joined
 
 
 def _nodes(what: str, values: object, count: int) -> IntArray:
@@ -448,18 +441,15 @@ def _nodes(what: str, values: object, count: int) -> IntArray:
 
 
 def _indices(values: object) -> IntArray:
-    """Return a copy that can be written to: of one that can't, kernels would be compiled a second time."""
+    """Return a writable copy: for read-only arrays kernels would be compiled a second time."""
     return np.array(() if values is None else values, dtype=np.int64, order="C")
 
 
-_ROUNDING_J = 1e-15
-
-
 def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement], float]:
-    """Return the energy [J] that the elements of each kind store at rest, whatever acts on the body.
+    """Return the energy [J] that the elements of each kind store at rest.
 
     Args:
-        body: whose elements.
+        body: with the elements.
         positions: (n, 3) [m].
     """
     x = np.array(positions, order="C")  # kernels take none that is read-only
@@ -473,10 +463,10 @@ def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement],
 
 
 def hinge_energy_share(body: SoftBody, positions: Array) -> float:
-    """Return U_hinges / (U_hinges + U_film); 0 where there is no elastic energy.
+    """Return U_hinges / (U_hinges + U_film); 0 without elastic energy.
 
     Args:
-        body: whose film and hinges.
+        body: with film and hinges.
         positions: (n, 3) [m].
     """
     energy = stored_energy(body, positions)

@@ -1,9 +1,4 @@
-"""Bodies made of bodies: several copies of one side by side, and one on the tip of another.
-
-Several copies of one soft body as one body, such as the fingers of a gripper.
-
-A soft body on the tip of another one: both become one body, joined by a stiff plate.
-"""
+"""Bodies made of bodies: copies side by side, as a gripper's fingers, and a body on the tip of another."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +15,7 @@ from cosim.soft.elements.frame_ring import FrameRings
 
 
 def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
-    """Return copies of a body side by side, as one body; they share nothing but the flange and gravity.
+    """Return copies of a body side by side, as one body; they have only flange and gravity in common.
 
     The gas chamber of copy k is called `copy_k`. The first copy gives the tip and keeps the names of its
     rings, which are `copy_1/` and the name as well; those of copy k = 2, 3, ... are called `copy_k/` and the
@@ -58,7 +53,7 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
 
 
 def _elements(body: SoftBody, shift: Sequence[int]) -> tuple[Element, ...]:
-    """Return the elements of all copies, copy k's nodes after shift[k] others."""
+    """Return the elements of all copies; nodes of copy k are shifted by shift[k]."""
     found: list[Element] = []
     for kind in body.kinds:
         own = body.of_kind(kind)
@@ -70,7 +65,7 @@ def _elements(body: SoftBody, shift: Sequence[int]) -> tuple[Element, ...]:
 
 
 def _chambers(body: SoftBody, number: int) -> tuple[GasChamber, ...]:
-    """Return the chambers of all copies: "copy_2", or "copy_2/NAME" where a copy has several."""
+    """Return the chambers of all copies: "copy_2", or "copy_2/NAME" if a copy has several."""
     triangles, caps, own = len(body.triangles), len(body.caps), body.gas_chambers
     return tuple(
         part.shifted(
@@ -112,7 +107,7 @@ class Plate:
     """The stiff plate between two bodies.
 
     Args:
-        mass_kg: spread evenly over the nodes that it joins.
+        mass_kg: distributed evenly over the nodes that it joins.
         stiffness_N_m: of the springs that keep its shape.
     """
 
@@ -125,16 +120,16 @@ def attached(
 ) -> SoftBody:
     """Return a body with a part on its tip; the base of the part and the tip of the body sit on one plate.
 
-    Base and tip stay those of the body. Rings, cables' places and chambers of the part come after the body's;
-    its rings are called `name/` and their own name, its chambers too, or `name` where it has only one.
+    Base and tip stay those of the body. Rings, cables and chambers of the part come after the body's; its
+    rings and chambers are called `name/` and their name, a single chamber `name`.
 
     Args:
-        body: that carries.
-        own_chamber: name of the body's chamber, where it has only one.
-        part: that is carried.
+        body: carrier.
+        own_chamber: name of the body's chamber, if it has only one.
+        part: to attach.
         name: of the part.
-        body_from_part: where it is.
-        plate: that joins them.
+        body_from_part: pose of the part.
+        plate: between them.
 
     Raises:
         MeshError: fold barriers or ends (closed or open) of the two differ.
@@ -163,7 +158,7 @@ def attached(
 
 
 def _attached_elements(body: SoftBody, part: SoftBody, name: str) -> tuple[Element, ...]:
-    """Return the elements of the body, then those of the part; kinds of which a body has one are joined."""
+    """Return the elements of the body, then those of the part; kinds allowed once per body are joined."""
     found: list[Element] = []
     for kind in dict.fromkeys((*body.kinds, *part.kinds)):
         own, further = body.of_kind(kind), [_beyond(entry, body.nodes) for entry in part.of_kind(kind)]
@@ -175,7 +170,7 @@ def _attached_elements(body: SoftBody, part: SoftBody, name: str) -> tuple[Eleme
 
 
 def _beyond(element: Element, nodes: int) -> Element:
-    """Return an element of a part, where this many nodes come before its own."""
+    """Return an element of a part, with its nodes shifted by `nodes`."""
     shifted = element.shifted(nodes)
     return replace(shifted, leads_on=True) if isinstance(shifted, FrameRings) else shifted
 

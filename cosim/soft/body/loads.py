@@ -1,4 +1,4 @@
-"""What acts on a soft body at one instant."""
+"""Loads on a soft body at one instant."""
 
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
@@ -20,7 +20,7 @@ PLAIN: Final = {"pressure_Pa", "cable_tension_N", "gravity"}
 
 
 class PlainLoads(NamedTuple):
-    """Loads that are plain, for kernels.
+    """Plain loads (pressures, tensions and gravity alone) for kernels.
 
     Args:
         pressure: (chambers,) [Pa].
@@ -36,24 +36,24 @@ class PlainLoads(NamedTuple):
 @final
 @dataclass(frozen=True)
 class Loads:
-    """What acts on a body at one instant.
+    """Loads on a body at one instant.
 
     Args:
-        pressure_Pa: gauge pressure of the gas in each chamber; empty for none in any.
-        cable_tension_N: tension of each cable at its base end; without meaning where its length is commanded.
+        pressure_Pa: gauge pressure of the gas in each chamber; empty for zero in all.
+        cable_tension_N: tension of each cable at its base end; ignored if its length is commanded.
         gravity: (3,) [m/s^2].
         nodal_force: (n, 3) [N], dead load (it keeps its direction), world axes; None for none.
-        gas: sealed in each chamber in place of its pressure, which needs a closed body; None where the
-            pressure is given, empty where it is given in all.
-        contact: what may be touched; None for nothing.
-        cable_length_m: unstretched length of each cable whose length is commanded, None for one whose tension
-            is; empty where no length is.
-        cable_stiffening: q of each cable in a step, see `cable`; empty: 1 of all.
-        self_contact: films that may touch one another; None for none.
+        gas: sealed in each chamber, which needs a closed body; None for a commanded pressure, empty if no gas
+            is sealed.
+        contact: possible contacts with obstacles; None for none.
+        cable_length_m: unstretched length of each cable with commanded length, None for one with commanded
+            tension; empty if no length is commanded.
+        cable_stiffening: q of each cable in a step, see `cable`; empty for 1.
+        self_contact: possible pairs of films in contact; None for none.
         extra: a further potential, such as springs; None for none.
 
     Raises:
-        InputError: a negative tension: cables cannot push; a length that is not above 0.
+        InputError: a negative tension (cables cannot push), or a length that is not above 0.
     """
 
     pressure_Pa: tuple[float, ...] = ()
@@ -88,30 +88,30 @@ class Loads:
 
     @cached_property
     def plain_but_contact(self) -> bool:
-        """Whether it is plain but for what may be touched, films among one another included."""
+        """Whether it is plain except contacts and self-contact."""
         return is_plain(self, but=("contact", "self_contact"))
 
     def touching(self, contact: obstacle_contact.ContactPlanes | None) -> "Loads":
-        """Return these loads with what may be touched."""
+        """Return these loads with possible contacts."""
         return self if contact is self.contact else self._with(contact=contact)
 
     def with_films(self, films: self_contact_pairs.FilmPairs | None) -> "Loads":
-        """Return these loads with films that may touch one another."""
+        """Return these loads with possible pairs of films in contact."""
         return self if films is self.self_contact else self._with(self_contact=films)
 
     def _with(self, **contacts: Any) -> "Loads":
-        """Return these loads with other contacts; nothing is checked, or made an array, once more."""
+        """Return these loads with other contacts, without repeating checks and conversions."""
         made = object.__new__(Loads)
         made.__dict__.update(self.__dict__, **contacts)
         return made
 
     def arrays(self, chambers: int) -> PlainLoads:
-        """Return pressures of so many chambers, tensions and gravity, whatever else there is."""
+        """Return pressures of the chambers, tensions and gravity, without other loads."""
         pressure = np.array(self.pressures(chambers))
         return PlainLoads(pressure, np.array(self.cable_tension_N), self.gravity_vector)
 
     def pressures(self, chambers: int) -> tuple[float, ...]:
-        """Return the given gauge pressure [Pa] of each of so many chambers.
+        """Return the commanded gauge pressure [Pa] of each chamber.
 
         Raises:
             InputError: there are more or fewer values than chambers.
@@ -119,7 +119,7 @@ class Loads:
         return _of_each(self.pressure_Pa, 0.0, chambers, "pressure")
 
     def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
-        """Return the sealed gas of each of so many chambers, None where the pressure is given.
+        """Return the sealed gas of each chamber, None for a commanded pressure.
 
         Raises:
             InputError: there are more or fewer values than chambers.
@@ -128,18 +128,18 @@ class Loads:
 
     def pressures_at(self, volumes_m3: tuple[float, ...]) -> tuple[float, ...]:
         """Return the gauge pressure [Pa] in each chamber, that of sealed gases at these volumes [m^3]."""
-        given = self.pressures(len(volumes_m3))
-        gases = zip(self.gases(len(volumes_m3)), given, volumes_m3, strict=True)
+        commanded = self.pressures(len(volumes_m3))
+        gases = zip(self.gases(len(volumes_m3)), commanded, volumes_m3, strict=True)
         return tuple(p if gas is None else gas.gauge_pressure(volume) for gas, p, volume in gases)
 
-    def grown(self, share: float, volumes_m3: tuple[float, ...]) -> "Loads":
-        """Return these loads grown by a share; commanded lengths stay, and what is touched.
+    def grown(self, growth: float, volumes_m3: tuple[float, ...]) -> "Loads":
+        """Return these loads times 1 + growth; commanded lengths and contacts do not change.
 
         Args:
-            share: -1 to take them off.
+            growth: relative; -1 removes the loads.
             volumes_m3: of the chambers, at which the gauge pressure of sealed gas grows.
         """
-        factor = 1.0 + share
+        factor = 1.0 + growth
         gases = zip(self.gas, self.pressures_at(volumes_m3), volumes_m3, strict=True) if self.gas else ()
         gx, gy, gz = (factor * component for component in self.gravity)
         return replace(
@@ -155,10 +155,10 @@ class Loads:
         )
 
     def interpolated(self, end: "Loads", load_factor: float) -> "Loads":
-        """Return the loads on the way to others at a load factor; exactly those at 1.
+        """Return the loads between these and others at a load factor; exactly the others at 1.
 
-        Between two sealed gases the mass changes at the first one's volume; sealing is done at once, and so
-        is the change of a cable from commanded tension to commanded length.
+        Between two sealed gases the mass changes at the first one's volume. Sealing a gas, and the change of
+        a cable from commanded tension to commanded length, happen at once.
         """
         if load_factor >= 1.0:
             return end
@@ -167,8 +167,8 @@ class Loads:
         pairs = zip(self.gravity, end.gravity, strict=True)
         gx, gy, gz = (float(between(a, b, load_factor)) for a, b in pairs)
         chambers = max(len(self.pressure_Pa), len(end.pressure_Pa))
-        given = zip(self.pressures(chambers), end.pressures(chambers), strict=True)
-        pressure = tuple(between(a, b, load_factor) for a, b in given)
+        pressures = zip(self.pressures(chambers), end.pressures(chambers), strict=True)
+        pressure = tuple(between(a, b, load_factor) for a, b in pressures)
         force = force_between(self.nodal_force, end.nodal_force, load_factor)
         gas = _gases(self.gas, end.gas, load_factor)
         lengths = _lengths(self.cable_length_m, end.cable_length_m, load_factor)
@@ -179,14 +179,14 @@ class Loads:
 
 
 def is_plain(load: object, *, but: tuple[str, ...] = ()) -> bool:
-    """Return whether pressures, tensions and gravity are all that acts: all else as if it was not given.
+    """Return whether only pressures, tensions and gravity act; all other fields have their defaults.
 
     Args:
-        load: `Loads`, or what a command says of them.
-        but: names of what may act besides.
+        load: `Loads`, or the loads of a command.
+        but: names of fields that may act in addition.
     """
     kind: Any = type(load)
-    for name, default in _besides(kind):  # a loop: asked of every tick's loads
+    for name, default in _other_fields(kind):  # a loop for speed: called in every tick
         value = getattr(load, name)
         as_default = value is default or (isinstance(value, tuple) and value == default)
         if not as_default and name not in but:
@@ -195,13 +195,13 @@ def is_plain(load: object, *, but: tuple[str, ...] = ()) -> bool:
 
 
 @cache
-def _besides(kind: Any) -> tuple[tuple[str, Any], ...]:
-    """Return names and defaults of what loads hold besides pressures, tensions and gravity."""
+def _other_fields(kind: Any) -> tuple[tuple[str, Any], ...]:
+    """Return names and defaults of the fields other than pressures, tensions and gravity."""
     return tuple((entry.name, entry.default) for entry in fields(kind) if entry.name not in PLAIN)
 
 
 def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -> tuple[Value, ...]:
-    """Return a value for each of so many chambers: the given ones, or what represents none given."""
+    """Return a value for each of `count` chambers: `values`, or `missing` for each if `values` is empty."""
     if not values:
         return (missing,) * count
     if len(values) != count:
@@ -226,7 +226,7 @@ def force_between(begin: Array | None, end: Array | None, load_factor: float) ->
 def _gases(
     begin: tuple[SealedGas | None, ...], end: tuple[SealedGas | None, ...], load_factor: float
 ) -> tuple[SealedGas | None, ...]:
-    """Return the sealed gases between two; where either end has none, what is at the end."""
+    """Return the sealed gases between two; if either end has none, those at the end."""
     if not begin or not end:
         return end
     return tuple(

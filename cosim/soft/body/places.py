@@ -1,11 +1,4 @@
-"""Places on a soft body: the line through its rings, the frame of its tip, and words for a node.
-
-The line through the centres of a body's rings, from its base to its tip.
-
-Where the tip of a body is, and how it moves with the nodes.
-
-Where on a body something is, in words.
-"""
+"""Places on a soft body: its centre line, the frame of its tip, and descriptions of nodes for messages."""
 
 import math
 from dataclasses import dataclass
@@ -19,15 +12,17 @@ from cosim.base.kernels import kernel, small_vector
 from cosim.errors import MeshError
 from cosim.soft.body.body import SoftBody
 
+_SAME_PLACE_M = 1e-9
+
 
 def center_rings(body: SoftBody) -> IntArray:
     """Return the rings (rings, nodes per ring) along the centre, base to tip; those of the first copy.
 
-    They are the body's `center_rings`, or without any the ring "base", and the tip. Where one has fewer
-    nodes than another, its nodes come more than once, which keeps its centre.
+    They are the body's `center_rings`, or if it has none the ring "base", and the tip. Nodes of smaller rings
+    are repeated, which does not change their centre.
     """
-    given = [body.rings[name] for name in body.center_rings] or [body.before_tip]
-    rings = [ring for ring in (*given, body.tip) if len(ring)]
+    before_tip = [body.rings[name] for name in body.center_rings] or [body.before_tip]
+    rings = [ring for ring in (*before_tip, body.tip) if len(ring)]
     nodes = math.lcm(*(len(ring) for ring in rings))
     return np.stack([np.tile(ring, nodes // len(ring)) for ring in rings])
 
@@ -79,7 +74,7 @@ def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, len
 @final
 @dataclass(frozen=True)
 class TipFrame:
-    """Position, direction and frame of the tip ring, and how they move with the nodes.
+    """Position, direction and frame of the tip ring, and their motion with the nodes.
 
     Args:
         position: (3,) [m], mean of the ring.
@@ -108,7 +103,7 @@ class TipFrame:
         """Return the tip's (6,) displacement [m] and rotation [rad] under a nodal displacement.
 
         Args:
-            body: whose tip it is.
+            body: with the tip.
             positions: (n, 3) [m].
             displacement: (n, 3) [m], infinitesimal.
         """
@@ -133,21 +128,21 @@ class TipFrame:
         return np.concatenate([shift, np.cross(z, dz) + spin * z])
 
 
-def place_of_largest(body: SoftBody, positions: Array, gradient: Array, free: Mask) -> str:
-    """Return the node where the largest residual is, and the ring nearest to it.
+def describe_largest(body: SoftBody, positions: Array, gradient: Array, free: Mask) -> str:
+    """Return the description of the node with the largest residual, see `describe_node`.
 
     Args:
-        body: whose residual it is.
+        body: of the residual.
         positions: (n, 3) [m].
         gradient: (n, 3) [N], of the potential there.
         free: (n, 3) bool, components that move.
     """
     size = np.where(free, np.abs(gradient), 0.0).max(axis=1)
-    return place_of(body, positions, int(np.argmax(np.where(np.isfinite(size), size, np.inf))))
+    return describe_node(body, positions, int(np.argmax(np.where(np.isfinite(size), size, np.inf))))
 
 
-def place_of(body: SoftBody, positions: Array, node: int) -> str:
-    """Return the words for a node: its number, and the ring that it is of or nearest to.
+def describe_node(body: SoftBody, positions: Array, node: int) -> str:
+    """Return the description of a node: its number, and its ring or the nearest one.
 
     Args:
         body: of the node.
@@ -156,21 +151,18 @@ def place_of(body: SoftBody, positions: Array, node: int) -> str:
     """
     if not body.rings:
         return f"node {node}"
-    own = [name for name, nodes in body.rings.items() if node in nodes]
-    if own:
-        return f"node {node} of {own[0]}"
-    away = {
+    of_node = [name for name, nodes in body.rings.items() if node in nodes]
+    if of_node:
+        return f"node {node} of {of_node[0]}"
+    distances = {
         name: np.linalg.norm(positions[nodes] - positions[node], axis=1).min()
         for name, nodes in body.rings.items()
     }
-    return f"node {node} near {min(away, key=lambda name: float(away[name]))}"
-
-
-_SAME_PLACE_M = 1e-9
+    return f"node {node} near {min(distances, key=lambda name: float(distances[name]))}"
 
 
 def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
-    """Return the two nodes (n, 2) of a mesh that each node of the refined one lies halfway between.
+    """Return the two parent nodes (n, 2) of each node of a refined mesh, which lies halfway between them.
 
     The parts of a triangle a, b, c lie next to one another: (a, ab, ca), (ab, b, bc), (ca, bc, c) and the
     middle one; see `cosim.soft.geometry.named_mesh`.
@@ -180,7 +172,7 @@ def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
         fine: the same with every triangle divided into four.
 
     Raises:
-        MeshError: it is not that.
+        MeshError: the meshes are not so related.
     """
     found = np.full((fine.nodes, 2), -1)
     if len(fine.triangles) == 4 * len(coarse.triangles):

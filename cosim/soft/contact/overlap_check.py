@@ -13,7 +13,7 @@ from cosim.base.frames import Array
 from cosim.base.kernel_types import IndexTable, Indices, Matrix
 from cosim.base.kernels import kernel
 from cosim.soft.body.body import SoftBody
-from cosim.soft.body.places import place_of
+from cosim.soft.body.places import describe_node
 from cosim.soft.contact import self_contact_faces
 from cosim.soft.contact.self_contact_candidates import BoxRows, FilmRows, fill_list, foot_beside
 from cosim.soft.contact.self_contact_search import BEHIND_M, ShortList, add_ascending, fill_over
@@ -74,7 +74,7 @@ class OverlapCheck:
             positions: (n, 3) [m].
         """
         deepest = self._search.deepest(positions)
-        return deepest and FilmOverlap(deepest[0], place_of(self._body, positions, deepest[1]))
+        return deepest and FilmOverlap(deepest[0], describe_node(self._body, positions, deepest[1]))
 
 
 @final
@@ -102,8 +102,8 @@ class ArmsOverlapCheck:
         if deepest is None:
             return None
         depth, node = deepest
-        place = place_of(self._bodies[0], one, node) if node < len(one) else ""
-        return FilmOverlap(depth, place or place_of(self._bodies[1], other, node - len(one)))
+        place = describe_node(self._bodies[0], one, node) if node < len(one) else ""
+        return FilmOverlap(depth, place or describe_node(self._bodies[1], other, node - len(one)))
 
 
 @final

@@ -1,9 +1,8 @@
-"""Cables through eyelets at nodes, pulled by a tension or commanded by their unstretched length.
+"""Cables through eyelets at nodes, with commanded tension, or with commanded length as by a winch.
 
-Cables commanded by their unstretched length, as a winch does, instead of by their tension.
-
-The tension at the base end is T_0 = k f(L - L_0), L the length of the route, L_0 the commanded length, k the
-stiffness of the cable, and f(s) = max(s, 0) with a transition of width d in which a slack cable gets taut:
+Commanded length: the tension at the base end is T_0 = k f(L - L_0), L the length of the route, L_0 the
+commanded length, k the stiffness of the cable, and f(s) = max(s, 0) with a transition of width d in which a
+slack cable gets taut:
     f = 0 for s < -d/2,  (s + d/2)^2 / (2 d) for |s| < d/2,  s beyond.
 Segment i carries T_i = c_i T_0 (losses at the eyelets, see below). For one solution the losses are frozen;
 with w_i = c_i / m and m = sum c_i L_i / sum L_i at its start, the term has the potential
@@ -15,22 +14,19 @@ the stretch s_n >= 0 that is a cable q times as stiff, of another length, and wi
     q = 1 + c / (h k),   L_0' = L_0 + (1 - 1 / q) s_n,
     T_0 = k f(q (L - L_0')),   energy = k m F(q (L_w - L_0')) / q.
 A stretch below zero counts as zero: a slack cable has no rate.
-L_w is L wherever the losses were frozen, so that a command means the length of the cable itself. A solution
-that moves away from there is repeated from where it ends, until it moves no more (as for capstan friction).
-
-Cables under a prescribed tension, routed through eyelets at nodes (commanded lengths: below).
-
-Segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
+L_w is L where the losses were frozen, so that a command means the length of the cable itself. A solution that
+moves away from there is repeated from its end, until it does not move any more (as for capstan friction).
+Commanded tension: segment i between eyelets has the length L_i and the tension T_i = T_0 c_i, so that
     energy = sum_i T_i L_i,
     gradient = T_i t_i on its far node and -T_i t_i on its near node, t_i the unit direction,
     hessian = T_i / L_i (1 - t_i t_i^T).
-Eyelets that meet would have no direction left, a tip of the energy's cone on which nothing is in balance. So
-below e = 0.1 mm, a film's thickness, L_i means the rounded length
+Eyelets that meet would have no direction, at the tip of the energy's cone. So below e = 0.1 mm, a film's
+thickness, L_i means the rounded length
     l = e (3/8 + 3/4 s^2 - 1/8 s^4),   s = L_i / e,
 which joins L_i with its first two derivatives.
 Equal and opposite pairs: a cable adds no net force or moment. c_i = c^(i+1) with a loss factor c per
-eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan): so a cable
-that knows no direction loses, and one that knows it (`eyelets`) as long as it slides to the base. A cable
+eyelet (segment 0 has passed one eyelet), or exp(-mu x wrap angle) up to the segment (capstan). These are the
+losses of a cable without memory, and of one with memory (`eyelets`) while it slides to the base. A cable
 cannot push: negative tensions are refused, zero tension is a slack cable.
 """
 
@@ -55,11 +51,11 @@ TRANSITION_m: Final = 2e-5
 def onset(stretch_m: float) -> tuple[float, float, float]:
     """Return F(s), f(s) and f'(s) of a stretch s [m]."""
     d, s = TRANSITION_m, stretch_m
-    ahead = s + 0.5 * d
-    if ahead <= 0.0:
+    beyond = s + 0.5 * d
+    if beyond <= 0.0:
         return 0.0, 0.0, 0.0
-    if ahead < d:
-        return ahead**3 / (6.0 * d), ahead**2 / (2.0 * d), ahead / d
+    if beyond < d:
+        return beyond**3 / (6.0 * d), beyond**2 / (2.0 * d), beyond / d
     return 0.5 * s * s + d * d / 24.0, s, 1.0
 
 

@@ -1,31 +1,27 @@
-"""What a cable loses at its eyelets, whichever way it slides: stick and slip with a memory per eyelet.
+"""Losses of a cable at its eyelets in both directions of sliding: stick and slip with a memory per eyelet.
 
-Eyelet j is where segment j begins; T_j-1 is the tension before it, of the first the tension T_0 at the base
-end. The cable beyond it is R_j = sum_(i >= j) L_i long, which is how far it has slid: it slides to the base
-where R_j falls. The difference d_j = T_j-1 - T_j moves elastically with that, between limits,
+Eyelet j is at the start of segment j; T_j-1 is the tension before it, for the first one the tension T_0 at
+the base end. The cable beyond it is R_j = sum_(i >= j) L_i long, which measures the sliding: the cable slides
+to the base while R_j falls. The difference d_j = T_j-1 - T_j follows elastically, between limits,
 
     d_j = k (A_j - R_j)   within   T_j-1 (1 - 1/f) - F/f  <=  d_j  <=  min(T_j-1 (1 - f) + F, T_j-1),
 
 f = c exp(-mu theta_j) with the loss factor c, the coefficient mu and the angle theta_j by which the cable
 turns there, F a constant loss: at the upper limit T_j = f T_j-1 - F as the cable slides to the base, at the
-lower one T_j-1 = f T_j - F as it slides to the tip. Beyond a limit the anchor A_j comes along, as a plastic
-strain does (return mapping): A_j is what an eyelet remembers. The cable slides through it by the change of
-A_j, and loses d_j times that, never less than nothing.
-
-k is the stiffness of the whole cable, as a cable that sticks gives by its own stretch: a newton is a tenth of
-a millimetre at 10 N/mm. Nine times as stiff, as one segment of nine is, light arms of film take four times
-the time in motion. A cable's own stretch does not slide it.
-
-For one solution limits are frozen where it begins. Then all d_j have one potential,
+lower one T_j-1 = f T_j - F as it slides to the tip. Beyond a limit the anchor A_j moves, as a plastic strain
+does (return mapping): A_j is the memory of an eyelet. The cable slides through it by the change of A_j, and
+loses d_j times that, which is never negative. k is the stiffness of the whole cable, as a sticking cable
+stretches: 0.1 mm per newton at 10 N/mm. With nine times that stiffness, that of one segment of nine, runs of
+light film arms take four times as long. The cable's stretch does not count as sliding.
+For one solution limits are frozen at its start. Then all d_j have one potential,
     energy = sum_j phi_j(A_j - R_j),  phi_j' = d_j:  a parabola between two straight lines,
     gradient = -d_j dR_j/dx,
     Hessian = k g_j g_j^T, g_j = dR_j/dx, of those that stick: all eyelets of a cable are coupled; the rest
     is in the segments' tensions T_i = T_0 - sum_(j <= i) d_j.
-Those that slip as a solution begins follow T_0 as far as f says (share r_i = T_i / T_0 of factors alone), so
-that a tension or a length that is commanded at the base is felt beyond. A solution that moves away from
-there is repeated in statics, and wherever lengths are commanded, until it moves no more; in motion limits
-follow a step later. A cable that hangs slack is pulled taut again: its eyelets begin as ones that slide to
-the base.
+Eyelets that slip at the start of a solution follow T_0 by the factors f (tension ratio r_i = T_i / T_0), so
+that a commanded tension or length at the base acts beyond them. In statics, and with commanded lengths, a
+solution is repeated until the limits do not change any more; in motion limits follow one step later. A slack
+cable that is pulled taut starts with all eyelets sliding to the base.
 Sources: Simo and Hughes, Computational Inelasticity, 1998, chapter 1; Wriggers, Computational Contact
 Mechanics, 2nd ed., section 5.2 (frozen limits).
 """
@@ -43,20 +39,20 @@ from cosim.soft.elements.cable import Cable, UNSLID_m, base_tension, segment_gra
 from cosim.soft.elements.element import EyeletLaws
 from cosim.soft.linear.pattern import add_block
 
-SHARE, RATIO, ANCHOR, LOWER, UPPER, GIVEN, STICKS = range(7)
-"""What columns of frozen losses are, segment by segment: what it carries of the tension at the base end (of
-a commanded length: weight w_i, see `cable`), r_i, and of the eyelet where it begins A [m], limits [N], what
-of d is in r_i T_0 as a solution begins [N], and whether it sticks, which is filled as forces are."""
+BASE_FRACTION, RATIO, ANCHOR, LOWER, UPPER, PROPORTIONAL, STICKS = range(7)
+"""Columns of frozen losses, a row per segment: its fraction r_i of the tension at the base end (with a
+commanded length: weight w_i, see `cable`), r_i; and of the eyelet at its start the anchor A [m], limits [N],
+the loss that r_i T_0 contains at the start of a solution [N], and 1 if it sticks, filled with the forces."""
 COLUMNS: Final = STICKS + 1
 
 Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...], tuple[float, ...]]
 
-_SLIPS: Final = 1.0 - 1e-9  # of a limit: what has slid up to here goes on to slide
+_SLIPS: Final = 1.0 - 1e-9  # of a limit: an eyelet that has slid up to this goes on sliding
 
 
 @kernel
 def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, rows: Matrix) -> None:
-    """Fill the rows (s, COLUMNS) of cables that remember; share is r_i.
+    """Fill the rows (s, COLUMNS) of cables with memory; the tension ratio is r_i.
 
     Args:
         x: (n, 3) [m].
@@ -73,7 +69,7 @@ def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, 
         beyond = 0.0
         for s in range(first, last):
             beyond += segment_length(x, segments[s, 0], segments[s, 1])
-        pull, ratio, taken = max(base[cable], 0.0), 1.0, 0.0
+        pull, ratio, offset = max(base[cable], 0.0), 1.0, 0.0
         for s in range(first, last):
             factor, friction, constant, k = eyelets.laws[s]
             if friction > 0.0 and s > first:
@@ -98,11 +94,11 @@ def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, 
                 slope = factor
             elif d == lower:
                 slope = 1.0 / factor
-            fixed = d - (1.0 - slope) * (pull + taken)
-            ratio, taken = ratio * slope, taken + fixed
-            rows[s, SHARE] = rows[s, RATIO] = ratio
+            fixed = d - (1.0 - slope) * (pull + offset)
+            ratio, offset = ratio * slope, offset + fixed
+            rows[s, BASE_FRACTION] = rows[s, RATIO] = ratio
             rows[s, ANCHOR], rows[s, LOWER], rows[s, UPPER] = anchor, lower, upper
-            rows[s, GIVEN], rows[s, STICKS] = d - fixed, 0.0
+            rows[s, PROPORTIONAL], rows[s, STICKS] = d - fixed, 0.0
             pull = max(pull - d, 0.0)
             beyond -= segment_length(x, segments[s, 0], segments[s, 1])
 
@@ -111,7 +107,7 @@ def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, 
 def pull_eyelets(
     x: Matrix, eyelets: EyeletLaws, rows: Matrix, cable: int, tracked: Vector, pull: Vector
 ) -> float:
-    """Take what is lost at a cable's eyelets from its segments' tensions, beyond what their shares know.
+    """Subtract the losses at a cable's eyelets from its segments' tensions, beyond their tension ratios.
 
     Args:
         x: (n, 3) [m].
@@ -131,14 +127,14 @@ def pull_eyelets(
     for s in range(first, last):
         k, lower, upper = eyelets.laws[s, 3], rows[s, LOWER], rows[s, UPPER]
         ahead = rows[s, ANCHOR] - beyond
-        fresh, elastic = ahead > 0.5 * UNSLID_m, k * ahead
-        d = upper if fresh else min(upper, max(lower, elastic))
-        # phi, without what is the same at all shapes; d R goes with the sum of T_i L_i
+        untouched, elastic = ahead > 0.5 * UNSLID_m, k * ahead
+        d = upper if untouched else min(upper, max(lower, elastic))
+        # phi without constants; the term d R belongs to the sum of T_i L_i
         energy += d * (rows[s, ANCHOR] - 0.5 * d / k)
         rows[s, STICKS] = 1.0 if _SLIPS * lower < elastic < _SLIPS * upper else 0.0
-        slack = upper <= 0.0 and (fresh or lower >= 0.0)
+        slack = upper <= 0.0 and (untouched or lower >= 0.0)
         tracked[eyelets.places[s]] = beyond + (UNSLID_m if slack else d / k)
-        lost += d - rows[s, GIVEN]
+        lost += d - rows[s, PROPORTIONAL]
         pull[s] -= lost
         beyond -= segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
     return energy
@@ -274,10 +270,10 @@ def frozen_losses(
     for cable, _, length, (first, last) in given:
         own = rows[first:last]
         if not cable.remembers:
-            own[:, RATIO] = own[:, SHARE] = cable.tension_ratio(positions)
+            own[:, RATIO] = own[:, BASE_FRACTION] = cable.tension_ratio(positions)
         if length is not None:
             lengths_m = cable.segment_lengths(positions)
-            own[:, SHARE] = own[:, RATIO] * (lengths_m.sum() / (own[:, RATIO] @ lengths_m))
+            own[:, BASE_FRACTION] = own[:, RATIO] * (lengths_m.sum() / (own[:, RATIO] @ lengths_m))
     return rows
 
 

@@ -1,28 +1,25 @@
-"""Rotational springs on the dihedral angle of interior edges, and their stiffness where film bends.
+"""Rotational springs on the dihedral angle of interior edges, and their stiffness for bending of the film.
 
 Nodes (i, j, k, l): j-k is the edge, i and l its opposite corners. With u = x_i - x_j, e = x_k - x_j,
 w = x_k - x_l, m = u x e, n = e x w the angle is
     theta = atan2(e/|e| . (m x n), m . n)  in [0, 2 pi),   theta = pi where the film is flat,
     energy = k (theta - theta0)^2 / 2  between theta1 and theta2 = 2 pi - theta1.
 Beyond them the moment grows as k (theta1 - theta0) - (2 k theta1 / pi) tan(pi (theta1 - theta) / (2 theta1)).
-There it would be infinite where the two films touch (theta = 0 or 2 pi), and nothing could be followed from a
-shape with crossed films. So from x_c theta1 on, a closed fold, the moment continues along its tangent, also
-beyond theta = 0; the energy is finite and twice differentiable but for a kink of the tangent at x_c theta1.
+This would be infinite where the two films touch (theta = 0 or 2 pi), and shapes with crossed films would have
+no energy. So from x_c theta1 on, a closed fold, the moment continues along its tangent, also beyond
+theta = 0; the energy is finite and twice differentiable except for a kink of the tangent at x_c theta1.
 Angles are unwrapped: of those that fit the shape, the one within pi of the last accepted state's is taken.
 A fold that has closed by 0.003 rad too far reads -0.003, not 2 pi - 0.003; one that turns by more than pi at
 once reads as one that has turned the other way.
 Source: Liu and Paulino, Proc. R. Soc. A 473 (2017) 20170348, equations for theta and the barrier; the
 second derivatives are written here in the orthonormal frames of the two triangles.
-
 Energy and gradient are summed in groups, one hinge per lane; neither m nor n is brought to unit length:
     theta = atan2(|e| m . w, m . n),
     a = dtheta/dx_i = |e| m / m^2,   b = dtheta/dx_l = -|e| n / n^2,
     dtheta/dx_j = (alpha - 1) a - beta b,   dtheta/dx_k = (beta - 1) b - alpha a,
 alpha = u . e / e^2, beta = w . e / e^2.
-
-Stiffness of hinges with which they bend like a shell of flexural rigidity D = E t^3 / (12 (1 - nu^2)).
-
-Bend a flat triangulated sheet to a cylinder of small curvature kappa along the unit direction n in its plane.
+Stiffness of hinges that bend like a shell of flexural rigidity D = E t^3 / (12 (1 - nu^2)): bend a flat
+triangulated sheet to a cylinder of small curvature kappa along the unit direction n in its plane.
 At the hinge of two triangles, with p and q from the edge's nodes to a triangle's far corner,
     theta - pi = kappa (b_i + b_l),   b = (n . p) (n . q) / (2 h),   h the height over the edge.
 A hinge represents the area a around its edge: a third of each triangle, more where a triangle has edges

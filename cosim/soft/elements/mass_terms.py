@@ -27,7 +27,7 @@ def add_gravity(x: Matrix, mass: Vector, gravity: Vector, gradient: Matrix) -> f
 def add_inertia(
     x: Matrix, coefficient: Vector, target: Matrix, diagonal: Indices, gradient: Matrix, blocks: Blocks
 ) -> float:
-    """Add the inertial bed to gradient, its Hessian to the diagonal blocks if any are named.
+    """Add the inertia term to gradient, its Hessian to the diagonal blocks if any are named.
 
     Returns its energy [J].
     """

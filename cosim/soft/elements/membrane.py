@@ -1,17 +1,15 @@
 """Constant-strain film triangles in plane stress, under one of five laws on the Green strain.
 
-Energy and gradient of many film triangles, plain or wrinkling, are taken in groups: one triangle per lane.
-
-With F = sum_a x_a g_a^T (3 x 2), E = (F^T F - 1) / 2, the energy density psi(E) of the law, the membrane
-force N = dpsi/dE [N/m] and the tangent C = dN/dE,
+Energy and gradient are computed in groups, one triangle per lane. With F = sum_a x_a g_a^T (3 x 2),
+E = (F^T F - 1) / 2, the energy density psi(E) of the law, the membrane force N = dpsi/dE [N/m] and the
+tangent C = dN/dE,
     energy = A psi,
     gradient_a = A F N g_a,
     hessian_ab = A ((g_a . N g_b) 1 + B_a^T C B_b),   B_a = dE/dx_a.
 Laws: "plain", St. Venant-Kirchhoff, psi = E : C : E / 2; "wrinkling", "tension_field" and "edge_strain",
-see their files; "neo_hookean", see below. The axes of E are along a triangle's first edge and across; of
+see their modules; "neo_hookean", see below. The axes of E are along a triangle's first edge and across; of
 fabric they are warp and weft, so that all triangles have one C, and its yarns straighten, see `fabric`.
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
-
 "neo_hookean", an incompressible membrane, such as silicone, whose thickness follows from its area: with
 C = 2 E + 1, J = det C (the square of the stretch of area) and the shear modulus mu = E_0 / 3,
     psi = mu t (tr C + 1 / J - 3) / 2,   N = mu t (1 - C^-1 / J).
@@ -34,11 +32,11 @@ from cosim.errors import InputError, MeshError
 from cosim.soft.elements.edge_strain import edge_strain
 from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 from cosim.soft.elements.material import NEO_HOOKEAN, PLAIN, STRAIGHTENING, TENSION_FIELD, WRINKLING, Film
+from cosim.soft.elements.tension_field import tension_field
 from cosim.soft.elements.wrinkling import (
     density,
     hide_across,
     principal,
-    tension_field,
     turn_forces,
     wrinkling,
     wrinkling_forces,

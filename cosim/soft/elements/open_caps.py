@@ -1,14 +1,11 @@
-"""Only for the comparison with the published code: bodies with open ends, edges without springs.
+"""Bodies with open ends and edges without springs, for the comparison with the published code only.
 
-The tangent of a body with open ends is that of the closed one, and a small term that is not symmetric.
-
-With K the closed body's tangent, held by springs D at the rings that caps would close, S the free components
-of these and E what the missing caps add there, less D,
-
-    (K + S E S^T) x = b,
-
-solved as a term of low rank beside K (`Correction`). What the missing caps take from gradient and tangent is
-in `cosim.soft.elements.pressure`.
+The tangent of a body with open ends is that of the closed one plus a small unsymmetric term. With K the
+closed body's tangent, held by springs D at the rings of the missing caps, S the free components of these, and
+E the terms of the missing caps less D,
+    (K + S E S^T) x = b
+is solved by a correction of low rank (`Correction`). The terms of missing caps are in
+`cosim.soft.elements.pressure`.
 Source of the edges without springs: the hinge lists of the code's examples UR_Pneumatic (hexagonal) and
 Three_Unit_Compare (square units).
 """
@@ -29,7 +26,7 @@ _Rims: TypeAlias = tuple[IntArray, list[tuple[IntArray, ...]], tuple[IntArray, .
 
 @final
 class OpenCapSolver(LinearSolver):
-    """Cholesky of the closed body's tangent with a term of low rank beside it, general LU where it has none.
+    """Cholesky of the closed body's tangent with a correction of low rank; general LU if that fails.
 
     As general LU it refuses a singular matrix, not an indefinite one. `extra` holds (nodes, (3 k, 3 k)
     matrix) parts added to the symmetric blocks before factorising.
@@ -38,7 +35,7 @@ class OpenCapSolver(LinearSolver):
         pattern: of the whole body.
         free: (n, 3) bool, world components that can move.
         far: nodes that are tied together across the mesh.
-        like: solver of the same components with fewer ties, whose order of elimination is taken over.
+        like: solver of the same components with fewer couplings, whose elimination order is reused.
     """
 
     def __init__(
@@ -73,7 +70,7 @@ class OpenCapSolver(LinearSolver):
         return low_rank is None or self._correction is not None
 
     def _beside(self, blocks: Array, low_rank: LowRank | None) -> tuple[Array, Array, Array]:
-        """Return K's blocks, S^T (k, 3 n) and E (k, k) of what goes beside it, dense terms included.
+        """Return K's blocks, and S^T (k, 3 n) and E (k, k) of the correction, dense terms included.
 
         Without the springs, under pressure and without the pull of its caps, the closed body would buckle
         like a column.
@@ -110,15 +107,15 @@ class OpenCapSolver(LinearSolver):
     def _factorise(self, blocks: Array, shift: float) -> bool:
         return self.factor(blocks, shift)
 
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
-        return self._in_use._lend_factor()
+    def _export_factor(self) -> tuple[NDArray[Any], ...]:
+        return self._in_use._export_factor()
 
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+    def _import_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
         general = len(parts) == _GENERAL
         if general:
             self._general = self._general or GeneralLU(self.pattern, self.free)
         self._in_use = self._general if general and self._general else self._closed
-        self._in_use._take_factor(parts)
+        self._in_use._import_factor(parts)
 
     def _solve_sparse(self, loads: Array) -> Array:
         return self._in_use._solve_sparse(loads)

@@ -1,17 +1,11 @@
-"""The gas of all chambers in the potential of a body: at a given pressure -p V, or sealed U(V).
-
-Gas pressure on the film: energy -p V with V the volume enclosed by the film and its caps.
+"""Gas pressure on the film and its caps: energy -p V at a commanded pressure, or U(V) of a sealed gas.
 
 V = sum over triangles of a . (b x c) / 6. A cap closes a hole ring by a fan to the ring's mean point c,
-which is no node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
-Closed, the follower pressure is conservative and its stiffness symmetric.
-An open chamber (the paper's model) feels no cap force; its load has no energy. `add_cap_force`
-subtracts what the caps contribute, so that each film node carries a third of its triangles' p A.
-
-The gas chambers of a body: what they enclose, and what the caps that a body lacks add to its stiffness.
-
-They follow from the body's film, caps and chambers, and are no element beside them; what the gas adds to the
-potential is in `FilmPotential`.
+which is not a node:  V_cap = c . sum_i (r_i x r_i+1) / 6.
+In a closed chamber the follower pressure is conservative and its stiffness symmetric. An open chamber (the
+paper's model) has no cap force, and its load has no energy. `add_cap_force` subtracts the forces of the caps,
+so that each film node carries a third of its triangles' p A. `GasChambers` holds the enclosures of a body and
+the stiffness terms of its missing caps; `FilmPotential` adds the potential of the gas.
 """
 
 from collections.abc import Iterable, Sequence
@@ -48,7 +42,7 @@ def add_pressure(
 ) -> float:
     """Add -p V of all film triangles to gradient, and to blocks if slots is not empty.
 
-    Returns the triangles' share of V [m^3].
+    Returns the triangles' contribution to V [m^3].
     """
     k = small_matrix(3, 3)
     with_hessian = slots.shape[0] > 0
@@ -97,7 +91,7 @@ def fill_volumes(shapes: Blocks, triangles: IndexTable, rings: Indices, starts: 
 
 @device_function
 def _cap_volume(x: Matrix, ring: Indices, total: Vector, area: Vector) -> float:
-    """Return a cap's share of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
+    """Return a cap's part of V [m^3]; fill in the sums of r_i and of r_i x r_i+1."""
     count = ring.shape[0]
     total[:] = 0.0
     area[:] = 0.0
@@ -116,7 +110,7 @@ def add_cap(
 ) -> float:
     """Add the gradient of -p V of one cap to gradient, its Hessian to blocks if slots is not empty.
 
-    Returns the cap's share of V [m^3].
+    Returns the cap's part of V [m^3].
     """
     count = ring.shape[0]
     with_hessian = slots.shape[0] > 0
@@ -155,7 +149,7 @@ def add_cap(
 def add_cap_force(x: Matrix, ring: Indices, pressure: float, gradient: Matrix) -> None:
     """Add the pressure force [N] that a cap would put on its ring to the rows of the ring in gradient.
 
-    Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; c's share is spread evenly.
+    Each fan triangle (c, r_i, r_i+1) gives a third of its p A to each corner; that of c is spread evenly.
 
     Args:
         x: (n, 3) [m].
@@ -174,11 +168,11 @@ def add_cap_force(x: Matrix, ring: Indices, pressure: float, gradient: Matrix) -
         a, b = ring[i], ring[(i + 1) % count]
         for r in range(3):
             s, t = (r + 1) % 3, (r + 2) % 3
-            here, there = (x[a, s] - mean[s], x[a, t] - mean[t]), (x[b, s] - mean[s], x[b, t] - mean[t])
-            share = pressure / 6.0 * (here[0] * there[1] - here[1] * there[0])
-            gradient[a, r] += share
-            gradient[b, r] += share
-            total[r] += share
+            first, second = (x[a, s] - mean[s], x[a, t] - mean[t]), (x[b, s] - mean[s], x[b, t] - mean[t])
+            force = pressure / 6.0 * (first[0] * second[1] - first[1] * second[0])
+            gradient[a, r] += force
+            gradient[b, r] += force
+            total[r] += force
     for i in range(count):
         for r in range(3):
             gradient[ring[i], r] += total[r] / count
@@ -189,7 +183,7 @@ def add_cap_stiffness(x: Matrix, ring: Indices, pressure: float, out: Cubes) -> 
     """Add the derivative (k, k, 3, 3) [N/m] of `add_cap_force` by the ring's nodes, not symmetric."""
     count = ring.shape[0]
     mean, left, right = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
-    here, there = small_vector(3), small_vector(3)
+    first, second = small_vector(3), small_vector(3)
     for r in range(3):
         mean[r] = 0.0
         for i in range(count):
@@ -197,11 +191,11 @@ def add_cap_stiffness(x: Matrix, ring: Indices, pressure: float, out: Cubes) -> 
     for i in range(count):
         following = (i + 1) % count
         for r in range(3):
-            here[r], there[r] = x[ring[i], r] - mean[r], x[ring[following], r] - mean[r]
-        _cross_block(here, pressure / 6.0, left)
-        _cross_block(there, pressure / 6.0, right)
+            first[r], second[r] = x[ring[i], r] - mean[r], x[ring[following], r] - mean[r]
+        _cross_block(first, pressure / 6.0, left)
+        _cross_block(second, pressure / 6.0, right)
         for t in range(count):
-            # a share's corners get it in full, all nodes one part of the centre's
+            # a triangle's corners take it in full; its third at the mean point is spread over all nodes
             weight = 1.0 / count + (1.0 if t in (i, following) else 0.0)
             for r in range(3):
                 for c in range(3):

@@ -1,51 +1,20 @@
-"""Laws of film that gives way to compression: a tension field, or wrinkles on a mesh too coarse for them.
+"""A film on a mesh too coarse for its wrinkles: the plain law in tension, softer in compression.
 
-Tension field of a film, isotropic or woven: what is left of its energy once it may wrinkle as finely as it
-likes. With S the compliance of the plain law, psi(E) is the maximum of N : E - N : S : N / 2 over all N
-without compression.
-
-With k^4 = C22 / C11, membrane forces and strains along warp and weft become those of
-    x = ((k N11 + N22 / k) / 2, (k N11 - N22 / k) / 2, N12),
-    y = (E11 / k + k E22, E11 / k - k E22, 2 E12),
-    psi* = (a0 x0^2 + a1 x1^2 + a2 x2^2) / 2,   a = 2 / (c + C12), 2 / (c - C12), 1 / C33,   c^2 = C11 C22:
-no product of two of them is left. There is no compression in the cone x0 >= |(x1, x2)|, so x is the point of
-a cone nearest to y / a:
-    slack     |(y1, y2)| <= -y0:                x = 0,
-    taut      |(y1 / a1, y2 / a2)| <= y0 / a0:  x = y / a, the plain law,
-    wrinkled  otherwise: x = z (1, p1, p2), p_i = y_i / (A_i z - y0), A_i = a0 + a_i, z such that |p| = 1.
-Of isotropic film A1 = A2, so that z = (y0 + |(y1, y2)|) / A1: E t e1 / 2, e1 the first principal strain.
-psi is convex with a continuous gradient; its second derivative jumps where the state changes.
-A share f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
-With f = 0 a slack triangle resists nothing and may collapse, which a hinge beside it cannot bear. What stays
-of the plain law gets softer once a length is below 1 / sqrt(3) of the drawn one, and vanishes with it. So
-with 0 < f < 1 a triangle whose area is below that share, d = det(2 E + 1) < d0 = 1/3, has in addition
-    psi_packed = f (1 - f) C11 (d0 / d - 1)^3,
-without bound as its area goes to zero: wrinkles can be packed only so far. Where hinges are, f should be 1e-4
-or more.
-A film can resist compression up to a force b [N/m] across any line before it wrinkles, as a curved sheet does
-up to its buckling load. Then N + b 1 has no compression: with E0 = C^-1 b 1 the law is
-    psi(E) = psi_without(E + E0) - b tr(E) - psi_without(E0).
-Source: Pipkin, IMA J. Appl. Math. 36 (1986) 85-99; Steigmann, Proc. R. Soc. A 429 (1990) 141-173; of woven
-film: Epstein and Forcinito, Int. J. Solids Struct. 38 (2001) 5253-5272, with the cone derived here.
-
-A film on a mesh too coarse for its wrinkles: plain in tension, giving way to compression as a panel does.
-
-A triangle stays flat up to its own buckling load s0. Beyond, wrinkles hide a share w >= 0 of a length, and
+A triangle stays flat up to its own buckling load s0. Beyond it wrinkles hide a fraction w >= 0 of length, and
 the membrane force across them is -(s0 + r), r = f0 w^(1/n), n = 3. With thickness h, Young's modulus E,
 Poisson's ratio nu, Y = E h, D = E h^3 / (12 (1 - nu^2)), drawn area A, and a the panel's width, seam to hole,
-    f0 = C sqrt(D Y) / a,   s0 = min(beta pi^2 D / A, cap f0)                                        [N/m].
+    f0 = C sqrt(D Y) / a,   s0 = min(beta pi^2 D / A, 1.5 f0)                                        [N/m].
 Complementary density by the principal membrane forces N_i, <.> the positive part:
     psi*(N) = (N1^2 + N2^2 - 2 nu N1 N2) / (2 Y) + sum_i f0 / (n + 1) (<-N_i - s0> / f0)^(n + 1).
 psi(E) = max over N of N : E - psi*(N) is convex and isotropic, with a continuous tangent. It is the plain law
-of the strain without what is hidden, e_i + w_i, and the work of hiding:
+of the strain without the hidden part, e_i + w_i, plus the work of hiding:
     psi = psi_plain(e + w) + sum_i (s0 w_i + n / (n + 1) f0 w_i^((n + 1) / n)).
 States: taut, w = 0; wrinkled, across the first principal direction alone; slack, across both.
-
-Why f0: a sheet compressed across its curvature k buckles at 2 sqrt(D Y) k. A panel of width a that bulges by
-b has k = 2 b / a^2 and draws its seam in by w = (2/3) (b / a)^2: r = 2 sqrt(6) sqrt(D Y) / a sqrt(w), n = 2,
-without a constant to fit. n = 3 gives way less early, as the bulge takes time to grow; C is such that both
-agree at w = 0.05, of the size that units hide at 10 kPa. Fitted to three square units at 10 kPa C is 3.15.
-Why s0: refined triangles fold by themselves, and what they fold must not be hidden a second time; an
+Reason for f0: a sheet compressed across its curvature k buckles at 2 sqrt(D Y) k. A panel of width a that
+bulges by b has k = 2 b / a^2 and shortens by w = (2/3) (b / a)^2: r = 2 sqrt(6) sqrt(D Y) / a sqrt(w), n = 2,
+without a constant to fit. n = 3 softens later, as the bulge grows gradually; C is such that both agree
+at w = 0.05, of the size that units hide at 10 kPa. Fitted to three square units at 10 kPa C is 3.15.
+Reason for s0: refined triangles fold by themselves, and must not hide the same length a second time; an
 equilateral plate, simply supported under equal compression, buckles at 2.31 pi^2 D / A.
 Source: buckling loads: Timoshenko and Gere, Theory of elastic stability, 2nd ed., sections 9.6 and 11.1;
 complementary density: as for tension fields, see `tension_field`; the law is derived here.
@@ -61,158 +30,11 @@ from cosim.base.kernel_types import Matrix, Vector
 from cosim.base.kernels import device_function, inlined
 from cosim.base.numba_insides import same_bits
 
-
-@device_function
-def tension_field(
-    strain: tuple[float, float, float], stiffness: Matrix, compression: Vector, n: Vector, c: Matrix
-) -> float:
-    """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
-
-    Args:
-        strain: E11, E22, 2 E12, along warp and weft if the film is woven.
-        stiffness: (3, 3) [N/m], of the plain law.
-        compression: (2,), f and b [N/m].
-        n: filled.
-        c: filled.
-
-    Returns:
-        Energy density [J/m^2].
-    """
-    fraction, force = compression[0], compression[1]
-    kept = fraction * (1.0 - fraction) * stiffness[0, 0]
-    if force == 0.0:
-        return _relaxed(strain, stiffness, fraction, n, c) + _packed(strain, kept, n, c)
-    c00, c01, c11 = stiffness[0, 0], stiffness[0, 1], stiffness[1, 1]
-    flat = force / (c00 * c11 - c01 * c01)
-    first, second = flat * (c11 - c01), flat * (c00 - c01)  # E0
-    e11, e22 = strain[0] + first, strain[1] + second
-    density = _relaxed((e11, e22, strain[2]), stiffness, fraction, n, c)
-    n[0] -= force
-    n[1] -= force
-    density += _packed(strain, kept, n, c)
-    return density - force * (e11 + e22 - 0.5 * (first + second))
-
-
-_PACKED: Final = 1.0 / 3.0
-"""d0, square of the share of its area below which a triangle resists being folded away."""
-
-
-@device_function
-def _packed(strain: tuple[float, float, float], kept: float, n: Vector, c: Matrix) -> float:
-    """Add to n (3,) and c (3, 3) what keeps a triangle from vanishing; return the density [J/m^2].
-
-    Args:
-        strain: E11, E22, 2 E12.
-        kept: f (1 - f) C11 [N/m].
-        n: added to.
-        c: added to.
-    """
-    first, second, third = 1.0 + 2.0 * strain[1], 1.0 + 2.0 * strain[0], -strain[2]  # dd/dE / 2
-    square = first * second - third * third
-    if kept == 0.0 or square >= _PACKED:
-        return 0.0
-    if not square > 0.0:
-        return math.inf
-    ratio = _PACKED / square
-    above = ratio - 1.0
-    slope = -6.0 * kept * above * above * ratio / square
-    curvature = 24.0 * kept * above * ratio * (ratio + above) / (square * square)
-    for r, one in ((0, first), (1, second), (2, third)):
-        n[r] += slope * one
-        for s, other in ((0, first), (1, second), (2, third)):
-            c[r, s] += curvature * one * other
-    c[0, 1] += 2.0 * slope
-    c[1, 0] += 2.0 * slope
-    c[2, 2] -= slope
-    return kept * above * above * above
-
-
-@device_function
-def _relaxed(
-    strain: tuple[float, float, float], stiffness: Matrix, fraction: float, n: Vector, c: Matrix
-) -> float:
-    """Do what `tension_field` does, of a film that resists no compression.
-
-    In the wrinkled state x = z (1, p1, p2) stays on the cone, whose tangent plane there has the directions
-    a = (1, p1, p2) and w = (0, -p2, p1). By e both are turned into those of N:
-        n = z a,   c = [a w] Q^-1 [a w]^T,   Q = [a w]^T diag(a0 - m, a1 + m, a2 + m) [a w],
-    m = a0 - y0 / z. Q is positive definite: nothing is divided by a small number.
-
-    Args:
-        strain: E11, E22, 2 E12, along warp and weft if the film is woven.
-        stiffness: (3, 3) [N/m], of the plain law.
-        fraction: f, 0 to 1.
-        n: filled.
-        c: filled.
-
-    Returns:
-        Energy density [J/m^2].
-    """
-    e11, e22, e12 = strain
-    k, both, shear = 1.0, stiffness[0, 0], stiffness[2, 2]
-    if stiffness[1, 1] != both:
-        k, both = math.sqrt(math.sqrt(stiffness[1, 1] / both)), math.sqrt(both * stiffness[1, 1])
-    mean, half = 0.5 * (both + stiffness[0, 1]), 0.5 * (both - stiffness[0, 1])
-    y0, y1, y2 = e11 / k + k * e22, e11 / k - k * e22, e12
-    x0, x1, x2 = mean * y0, half * y1, shear * y2
-    taut = x0 > 0.0 and x1 * x1 + x2 * x2 <= x0 * x0
-    weight = 1.0 if taut else fraction
-    n[0] = weight * (stiffness[0, 0] * e11 + stiffness[0, 1] * e22)
-    n[1] = weight * (stiffness[1, 0] * e11 + stiffness[1, 1] * e22)
-    n[2] = weight * stiffness[2, 2] * e12
-    for r in range(3):
-        for s in range(3):
-            c[r, s] = weight * stiffness[r, s]
-    density = 0.5 * (e11 * n[0] + e22 * n[1] + e12 * n[2])
-    if taut or (y0 <= 0.0 and y1 * y1 + y2 * y2 <= y0 * y0):
-        return density
-    a0, a1, a2 = 1.0 / mean, 1.0 / half, 1.0 / shear
-    z, p1, p2 = _on_cone((y0, y1, y2), (a0, a0 + a1, a0 + a2))
-    q_aa, q_aw = a0 + a1 * p1 * p1 + a2 * p2 * p2, (a2 - a1) * p1 * p2
-    q_ww = a1 * p2 * p2 + a2 * p1 * p1 + a0 - y0 / z
-    share = 1.0 - fraction
-    scale = share / (q_aa * q_ww - q_aw * q_aw)
-    q_aa, q_aw, q_ww = scale * q_aa, scale * q_aw, scale * q_ww
-    t0, t1, t2 = (1.0 + p1) / k, k * (1.0 - p1), p2  # along the tension
-    w0, w1, w2 = -p2 / k, k * p2, p1  # turning it
-    for r, along, turned in ((0, t0, w0), (1, t1, w1), (2, t2, w2)):
-        n[r] += share * z * along
-        one, other = q_ww * along - q_aw * turned, q_aa * turned - q_aw * along
-        c[r, 0] += one * t0 + other * w0
-        c[r, 1] += one * t1 + other * w1
-        c[r, 2] += one * t2 + other * w2
-    return density + 0.5 * share * z * (y0 + p1 * y1 + p2 * y2)
-
-
-_CONE_ROUNDING: Final = 4e-16
-_CONE_STEPS: Final = 60  # each squares the error; one is enough for isotropic film, 3 to 6 are common
-
-
-@device_function
-def _on_cone(y: tuple[float, float, float], a: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return z, p1, p2 with |p| = 1 from y and a0, A1, A2, by Newton's method on 1 - 1 / |p|.
-
-    That grows and is concave in z: from below, where it begins, no step goes too far.
-    """
-    y0, y1, y2 = y
-    z = max(y0 / a[0], (y0 + math.sqrt(y1 * y1 + y2 * y2)) / max(a[1], a[2]))
-    p1, p2, size = 1.0, 0.0, 1.0
-    for _ in range(_CONE_STEPS):
-        b1, b2 = a[1] * z - y0, a[2] * z - y0
-        p1, p2 = y1 / b1, y2 / b2
-        size = math.sqrt(p1 * p1 + p2 * p2)
-        step = size * size * (size - 1.0) / (a[1] * p1 * p1 / b1 + a[2] * p2 * p2 / b2)
-        if not step > _CONE_ROUNDING * z:
-            break
-        z += step
-    return z, p1 / size, p2 / size
-
-
 HARDENING: Final = 2.0 * 6.0**0.5 * 0.05 ** (1.0 / 6.0)
 """C = 2.97, see above."""
 PLATE: Final = 2.3
 """beta: buckling load of a triangular plate over pi^2 D / A."""
-LARGEST_PLATE_SHARE: Final = 1.5
+LARGEST_PLATE_RATIO: Final = 1.5
 """Bound of s0 / f0, chosen on a mesh refined three times; it acts where triangles are smaller yet."""
 _ROOT_STEPS: Final = 5  # the start is off by 0.25 of 0.6 at most, and each squares half of what is left
 _THIRD: Final = np.uint64(0x55555556)  # of 2^32, rounded up
@@ -232,7 +54,7 @@ def wrinkling_forces(rigidity_Nm: float, young_N_m: float, panel_m: Array, areas
     """
     hardening = HARDENING * math.sqrt(rigidity_Nm * young_N_m) / panel_m
     plate = PLATE * np.pi**2 * rigidity_Nm / areas
-    return np.stack([np.minimum(plate, LARGEST_PLATE_SHARE * hardening), hardening], axis=1)
+    return np.stack([np.minimum(plate, LARGEST_PLATE_RATIO * hardening), hardening], axis=1)
 
 
 @inlined

@@ -2,8 +2,8 @@
 
     potential(x) = sum of elements + gas + cables + weight + dead load + contact + inertia [J]
 
-Compiled leaves add one family of elements each; what few numbers decide (gas, commanded lengths, eyelets) is
-decided here, term by term.
+A compiled kernel adds each family of elements; terms of few numbers (gas, commanded lengths, eyelets) are
+computed here.
 """
 
 from collections.abc import Callable, Sequence
@@ -78,7 +78,7 @@ class _Winch(NamedTuple):
     """A cable whose length is commanded, see `cable`.
 
     Args:
-        segments: place of its segments among all.
+        segments: slice of its segments among all.
         weights: (k,), w_i.
         spring: k m [N/m].
         length: L_0 or L_0' [m].
@@ -95,19 +95,19 @@ class _Winch(NamedTuple):
 @final
 @dataclass
 class FilmLoads:
-    """What acts on a film in one solution.
+    """Loads on a film in one solution, prepared for kernels.
 
     Args:
         loads: that act.
         losses: (segments, COLUMNS), frozen, see `FilmPotential.losses_at`.
-        rows: the same, to be filled with which eyelets stick.
+        rows: the same, in which sticking eyelets are marked.
         inertia: of an implicit step; None in statics.
-        pressures: given gauge pressure of each chamber [Pa].
-        gases: sealed in each, None where the pressure is given; empty where it is in all.
-        pull: (segments,) [N], of the cables whose tensions are given.
-        winches: cables whose lengths are commanded.
-        moving: whether it is a step in time that is not solved closely.
-        calls: leaves of the gradient.
+        pressures: commanded gauge pressure of each chamber [Pa].
+        gases: sealed in each chamber, None for a commanded pressure; empty if no gas is sealed.
+        pull: (segments,) [N], of the cables with commanded tension.
+        winches: cables with commanded length.
+        moving: whether it is an ordinary step in time.
+        calls: kernel calls of the gradient.
     """
 
     loads: Loads
@@ -126,13 +126,13 @@ class FilmLoads:
 class FilmPotential:
     """Sums potential, gradient and tangent of one body.
 
-    After `evaluate`: `gradient` (n, 3) [N], `memory` (values,) of the elements as they track it, `tangent`
-    where it was asked for; they are overwritten by the next call. `before` (values,) is the memory of the
-    last accepted state. `serving` is the pattern to continue from where films touch: that of the last
-    factorisation.
+    After `evaluate`: `gradient` (n, 3) [N], `memory` (values,), the elements' internal variables there, and
+    `tangent` on request; the next call overwrites them. `before` (values,) is the memory of the last accepted
+    state. `reusable_pattern` is the pattern of the last factorisation, which is reused with self-contact if
+    it fits.
 
     Args:
-        body: what is summed.
+        body: to sum.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -147,24 +147,24 @@ class FilmPotential:
         self.before, self.memory = body.first_memory(), body.first_memory()
         self.gas = pressure.GasChambers(body.enclosures)
         self.pressures_Pa, self.volumes_m3 = np.zeros(self.gas.count), np.zeros(self.gas.count)
-        self._places = list(zip(body.elements, body.memory_places, strict=True))
+        self._memory_slices = list(zip(body.elements, body.memory_slices, strict=True))
         self._diagonal = np.flatnonzero(self.pattern.row == self.pattern.column)
         self._sums = Sums(self.gradient, self.blocks, self._diagonal, self.pattern.slots)
         self._further = _further(body, self._sums)
-        self._advancing = [(element, own) for element, own in self._places if element.remembers_steps]
-        self._freshened = [pair for pair in self._places if type(pair[0]).fresh is not Element.fresh]
+        self._advancing = [(element, own) for element, own in self._memory_slices if element.remembers_steps]
+        self._freshened = [pair for pair in self._memory_slices if type(pair[0]).fresh is not Element.fresh]
         self._acting: FilmLoads | None = None
         self._prepare_cables()
 
     def _prepare_cables(self) -> None:
         cables = self.body.cables
-        own = tuple(place for element, place in self._places if isinstance(element, Cable))
-        self.eyelets: EyeletLaws = eyelets.eyelet_laws(cables, own)
+        slices = tuple(place for element, place in self._memory_slices if isinstance(element, Cable))
+        self.eyelets: EyeletLaws = eyelets.eyelet_laws(cables, slices)
         """The eyelets of all cables."""
         self.routes = [slice(*pair) for pair in pairwise(self.eyelets.routes.tolist())]
-        """Places of each cable's segments among all."""
+        """Slice of each cable's segments among all."""
         self.slides = any(cable.remembers for cable in cables)
-        """Whether some cable remembers which way it has slid."""
+        """Whether some cable has a memory of its direction of sliding."""
         rubs = any(cable.friction_coefficient for cable in cables)
         self._losses_change = self.slides or rubs
         self._cable_of = np.repeat(np.arange(len(cables)), [len(cable.nodes) - 1 for cable in cables])
@@ -176,7 +176,7 @@ class FilmPotential:
 
     @cached_property
     def _losses(self) -> Array:
-        """(segments, COLUMNS), of cables with given tensions that lose the same in all shapes."""
+        """(segments, COLUMNS), of cables with commanded tensions and losses that do not depend on shape."""
         pulls: eyelets.Pulls = (), (), ()
         return eyelets.frozen_losses(self.eyelets, self.body.cables, self.body.positions, _NO_MEMORY, pulls)
 
@@ -200,7 +200,7 @@ class FilmPotential:
 
     @property
     def complete(self) -> bool:
-        """Whether leaves know all elements of the body."""
+        """Whether kernels exist for all elements of the body."""
         return not self._further
 
     @property
@@ -210,26 +210,26 @@ class FilmPotential:
 
     @property
     def volume(self) -> float:
-        """Volume [m^3] of all chambers together, where `evaluate` was called last."""
+        """Volume [m^3] of all chambers at the last evaluation."""
         return float(self.volumes_m3.sum())
 
     @property
     def pressure_Pa(self) -> float:
-        """Gauge pressure in the first chamber there."""
+        """Gauge pressure in the first chamber at the last evaluation."""
         return float(self.pressures_Pa[0])
 
     @property
     def tied(self) -> IntArray:
-        """Nodes (m,) that elements tie together across the mesh."""
+        """Nodes (m,) that elements couple across the mesh."""
         far = [element.coupled for element in self.body.elements if element.far]
         return np.unique(np.concatenate([_NO_SLOTS, *(np.ravel(nodes) for nodes in far)]))
 
     def open_cap_stiffness(self, positions: Array) -> list[tuple[IntArray, Array]]:
-        """Return what missing caps add to the stiffness at positions (n, 3) [m], by ring."""
+        """Return the stiffness terms of open caps at positions (n, 3) [m], by ring."""
         return [] if self.conservative else self.gas.open_cap_stiffness(positions, self.pressures_Pa)
 
     def add_open_caps(self, positions: Array) -> None:
-        """Add the symmetric part of what missing caps do at positions (n, 3) [m] to the tangent in store."""
+        """Add the symmetric part of the terms of open caps at positions (n, 3) [m] to the tangent."""
         for ring, part in self.open_cap_stiffness(positions):
             count, slots = len(ring), self.tangent.pattern.slots(ring[None])[0]
             whole = (0.5 * (part + part.T)).reshape(count, 3, count, 3).swapaxes(1, 2)
@@ -239,12 +239,12 @@ class FilmPotential:
             np.add.at(self.tangent.blocks, np.where(turned, -1 - slots, slots), pairs)
 
     def losses_at(self, positions: Array, loads: Loads, memory: Array | None = None) -> Array:
-        """Return what losses at a given shape make of cables in every segment (segments, COLUMNS).
+        """Return the losses along cables at a given shape (segments, COLUMNS), see `eyelets`.
 
         Args:
             positions: (n, 3) [m].
             loads: that act.
-            memory: (values,), of the last accepted state; as of cables that are pulled taut unless given.
+            memory: (values,), of the last accepted state; None for cables that have been pulled taut.
         """
         if not self._losses_change and not any(loads.cable_length_m):
             return self._losses
@@ -254,7 +254,7 @@ class FilmPotential:
         return eyelets.frozen_losses(self.eyelets, self.body.cables, positions, known, pulls)
 
     def unslid(self, memory: Array, accepted: Array) -> Array:
-        """Return memory (values,) tracked by a solution, with eyelets as in the accepted state before it."""
+        """Return the memory (values,) of a solution, with eyelets reset to the accepted state before it."""
         if not self.slides:
             return memory
         places = self.eyelets.places
@@ -267,17 +267,17 @@ class FilmPotential:
 
         Args:
             positions: (n, 3) [m], at the end.
-            before: (values,), what elements remember at the beginning.
-            after: the same at the end.
+            before: (values,), memory at the start.
+            after: memory at the end.
         """
         return eyelets.eyelet_loss(positions, self.eyelets, before, after) if self.slides else 0.0
 
     def advanced(self, positions: Array, memory: Array) -> Array:
-        """Return what the elements remember (values,) once a step has ended.
+        """Return the elements' memory (values,) after a step.
 
         Args:
             positions: (n, 3) [m], at its end.
-            memory: (values,), as they tracked it there.
+            memory: (values,), of the last evaluation there.
         """
         if not self._advancing:
             return memory
@@ -288,11 +288,11 @@ class FilmPotential:
 
     @property
     def freshens(self) -> bool:
-        """Whether some element finds something again as a static solution begins."""
+        """Whether some element resets internal variables at the start of a static solution."""
         return bool(self._freshened)
 
     def fresh(self, memory: Array) -> Array:
-        """Return what elements remember (values,) as a static solution begins, see `Element.fresh`."""
+        """Return the memory (values,) at the start of a static solution, see `Element.fresh`."""
         result = memory.copy()
         for element, own in self._freshened:
             result[own] = element.fresh(memory[own])
@@ -314,25 +314,24 @@ class FilmPotential:
             positions: (n, 3) [m], world, C-contiguous.
             loads: pressure, tension, gravity, nodal forces.
             losses: (segments, COLUMNS), from `losses_at`.
-            memory: (values,), what the elements remember of the last accepted state; hinge angles are
-                unwrapped against it.
+            memory: (values,), of the last accepted state; hinge angles are unwrapped relative to it.
             inertia: of an implicit step; None in statics.
             hessian: whether to fill the tangent.
 
         Returns:
-            The potential [J]; infinite where a sealed gas has no volume.
+            The potential [J]; infinite if a sealed gas has no volume.
         """
         acting = self.acting(loads, losses, inertia)
         np.copyto(self.before, memory)
         return self.sum_tangent(positions, acting) if hessian else self.sum_gradient(positions, acting)
 
     def acting(self, loads: Loads, losses: Array, inertia: Inertia | None) -> FilmLoads:
-        """Return what acts on the film, prepared for its leaves; the same object for the same objects."""
+        """Return the loads prepared for kernels; cached for the same arguments."""
         last = self._acting
         if last and last.loads is loads and last.losses is losses and last.inertia is inertia:
             return last
-        self._acting = found = self._prepared(loads, losses, inertia)
-        return found
+        self._acting = acting = self._prepare(loads, losses, inertia)
+        return acting
 
     def sum_gradient(self, x: Array, acting: FilmLoads) -> float:
         """Fill gradient and memory at x (n, 3) [m]; return the potential [J]."""
@@ -358,19 +357,19 @@ class FilmPotential:
         return energy
 
     def _widened(self, x: Array, pairs: FilmPairs) -> tuple[BlockPattern, Array]:
-        """Return the tangent's blocks with films that press on one another, which couple distant nodes."""
+        """Return the tangent's blocks with self-contact, which couples distant nodes."""
         wide = self.widening.around(pairs.near, self.reusable_pattern)
         pattern, blocks = wide.pattern, wide.blocks(self.blocks)
         add_pair_blocks(x, pairs.rows, pattern.rows, np.zeros(pattern.blocks, np.int64), blocks)
         return pattern, blocks
 
     def _sum(self, x: Array, acting: FilmLoads, calls: list[Call], dense: list[_DenseTerm] | None) -> float:
-        """Add all terms; dense ones of a tangent to that list, which is None for the gradient alone."""
+        """Add all terms; append dense terms of the tangent to `dense`, None for the gradient alone."""
         np.copyto(self.memory, self.before)
         self.gradient.fill(0.0)
         energy = 0.0
-        for leaf, given in calls:
-            energy += leaf(x, *given)
+        for leaf, arguments in calls:
+            energy += leaf(x, *arguments)
         if self.slides or acting.winches:
             energy += self._add_cables(x, acting, dense)
         for number in range(self.gas.count):
@@ -385,10 +384,12 @@ class FilmPotential:
             energy += self._add_further(x, acting, hessian=dense is not None)
         return energy
 
-    def _prepared(self, loads: Loads, losses: Array, inertia: Inertia | None) -> FilmLoads:
+    def _prepare(self, loads: Loads, losses: Array, inertia: Inertia | None) -> FilmLoads:
         rows, moving = losses.copy() if self.slides else losses, False
         tension = np.array(loads.cable_tension_N)
-        pull = tension[self._cable_of] * rows[:, eyelets.SHARE] if len(tension) else np.zeros(len(rows))
+        pull = (
+            tension[self._cable_of] * rows[:, eyelets.BASE_FRACTION] if len(tension) else np.zeros(len(rows))
+        )
         winches = self._winches(loads, rows) if any(loads.cable_length_m) else []
         if inertia is not None:
             moving = inertia.step_s < np.inf and not inertia.closely
@@ -406,7 +407,7 @@ class FilmPotential:
     def _calls_of(
         self, loads: Loads, inertia: Inertia | None, pull: Array, blocks: Array, *, simple: bool
     ) -> list[Call]:
-        """Return the leaves of what acts: cables, weight, inertia, contact.
+        """Return the kernel calls of loads: cables, weight, inertia, contact.
 
         Args:
             loads: that act.
@@ -426,8 +427,8 @@ class FilmPotential:
             found.append(Call(unchecked(add_contacts), (loads.contact, gradient, blocks)))
         if inertia is not None:
             diagonal = self._diagonal if with_tangent else _NO_SLOTS
-            bed = inertia.coefficient, inertia.target, diagonal, gradient, blocks
-            found.append(Call(unchecked(add_inertia), bed))
+            arguments = inertia.coefficient, inertia.target, diagonal, gradient, blocks
+            found.append(Call(unchecked(add_inertia), arguments))
             if inertia.rates is not None:
                 found += self._rate_calls(inertia.rates, blocks)
         if loads.self_contact is not None:
@@ -462,7 +463,7 @@ class FilmPotential:
         self, slots: Callable[[IntArray], IntArray], blocks: Array, *, moving: bool
     ) -> list[Call]:
         found = []
-        for element, own in self._places:
+        for element, own in self._memory_slices:
             if isinstance(element, LeafElement):
                 memory = Remembered(self.before[own], self.memory[own])
                 found.append(
@@ -470,7 +471,7 @@ class FilmPotential:
                 )
         calls, x = [call for call in found if call is not None], writable(self.body.positions)
         compile_kernels(call.leaf for call in calls)
-        return [Call(unchecked_for(leaf, x, *given), given) for leaf, given in calls]
+        return [Call(unchecked_for(leaf, x, *arguments), arguments) for leaf, arguments in calls]
 
     def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
         found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)
@@ -478,13 +479,13 @@ class FilmPotential:
         for own, cable, length, q in given:
             if length is not None:
                 # the first segment has w_1 = r_1 / m, so that m follows from it
-                mean = rows[own.start, eyelets.RATIO] / rows[own.start, eyelets.SHARE]
-                weights = np.ascontiguousarray(rows[own, eyelets.SHARE])
+                mean = rows[own.start, eyelets.RATIO] / rows[own.start, eyelets.BASE_FRACTION]
+                weights = np.ascontiguousarray(rows[own, eyelets.BASE_FRACTION])
                 found.append(_Winch(own, weights, cable.stiffness_N_m * float(mean), length, q))
         return found
 
     def _add_cables(self, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
-        """Add cables of commanded length and such as remember how they slid; return their energy [J]."""
+        """Add cables with commanded length or with memory of sliding; return their energy [J]."""
         pull, rows, energy, blocks = self._pull, acting.rows, 0.0, self.blocks
         np.copyto(pull, acting.pull)
         for winch in acting.winches:
@@ -498,7 +499,7 @@ class FilmPotential:
         return energy + add_segments(x, self.eyelets.segments, pull, slots, self.gradient, blocks)
 
     def _wind(self, x: Array, winch: _Winch, pull: Array, dense: list[_DenseTerm] | None) -> float:
-        """Fill what a commanded length pulls with; return its energy less sum T_i L_i."""
+        """Fill the tensions by a commanded length; return its energy less sum T_i L_i."""
         segments, q = self.eyelets.segments[winch.segments], winch.stiffening
         weighted = weighted_length(x, segments, winch.weights)
         level, force, slope = onset(q * (weighted - winch.length))
@@ -510,29 +511,29 @@ class FilmPotential:
         return winch.spring * (level / q - force * weighted)
 
     def _add_gas(self, number: int, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
-        """Add the gas of a chamber; return its potential [J], infinite where sealed gas has no volume."""
-        plain, given = self._plain_chambers[number], acting.pressures[number]
+        """Add the gas of a chamber; return its potential [J], infinite if sealed gas has no volume."""
+        plain, gauge_Pa = self._plain_chambers[number], acting.pressures[number]
         gas = acting.gases[number] if acting.gases else None
         if gas is not None:
             vector = np.zeros_like(self.gradient)
             volume = _press(plain, x, -1.0, vector, _NO_BLOCKS)
-            given = gas.gauge_pressure(volume)
-            if not given < np.inf:
+            gauge_Pa = gas.gauge_pressure(volume)
+            if not gauge_Pa < np.inf:
                 return np.inf
             if dense is not None:
-                dense.append(_DenseTerm(gas.exponent * (given + gas.ambient_Pa) / volume, vector))
+                dense.append(_DenseTerm(gas.exponent * (gauge_Pa + gas.ambient_Pa) / volume, vector))
         if dense is None:
-            volume = _press(plain, x, given, self.gradient, _NO_BLOCKS)
+            volume = _press(plain, x, gauge_Pa, self.gradient, _NO_BLOCKS)
         else:
-            volume = _press(self._tangent_chambers[number], x, given, self.gradient, self.blocks)
+            volume = _press(self._tangent_chambers[number], x, gauge_Pa, self.gradient, self.blocks)
         if not self.body.closed:
             for ring in plain.rings:
-                pressure.add_cap_force(x, ring, given, self.gradient)
-        self.pressures_Pa[number], self.volumes_m3[number] = given, volume
-        return -given * volume if gas is None else gas.potential(volume)
+                pressure.add_cap_force(x, ring, gauge_Pa, self.gradient)
+        self.pressures_Pa[number], self.volumes_m3[number] = gauge_Pa, volume
+        return -gauge_Pa * volume if gas is None else gas.potential(volume)
 
     def _add_further(self, x: Array, acting: FilmLoads, *, hessian: bool) -> float:
-        """Add elements that no leaf knows, and potentials that come and go; return their energy [J]."""
+        """Add elements without kernels, and extra potentials; return their energy [J]."""
         inertia, extra, energy = acting.inertia, acting.loads.extra, 0.0
         step_s, closely = (np.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
         at = Instant(self.before, self.memory, step_s, acting.loads, closely)
@@ -541,21 +542,21 @@ class FilmPotential:
         return energy if extra is None else energy + extra.add(x, self._sums, hessian)
 
 
-def _press(chamber: _Chamber, x: Array, given: float, gradient: Array, blocks: Array) -> float:
-    """Add -p V of a chamber at a given pressure [Pa]; return V [m^3]."""
-    volume = unchecked(pressure.add_pressure)(x, chamber.triangles, given, chamber.slots, gradient, blocks)
+def _press(chamber: _Chamber, x: Array, gauge_Pa: float, gradient: Array, blocks: Array) -> float:
+    """Add -p V of a chamber at a gauge pressure; return V [m^3]."""
+    volume = unchecked(pressure.add_pressure)(x, chamber.triangles, gauge_Pa, chamber.slots, gradient, blocks)
     for ring, slots in zip(chamber.rings, chamber.ring_slots, strict=True):
-        volume += unchecked(pressure.add_cap)(x, ring, given, slots, gradient, blocks)
+        volume += unchecked(pressure.add_cap)(x, ring, gauge_Pa, slots, gradient, blocks)
     return volume
 
 
 def _further(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
-    """Return the elements that no leaf knows as terms, each with the place of its memory.
+    """Return the elements without kernels as terms, each with the slice of its memory.
 
-    None where no other element of the body has one.
+    The slice is None if no other element of the body has memory.
     """
     found: list[tuple[Term, slice]] = []
-    places = dict(zip(map(id, body.elements), body.memory_places, strict=True))
+    places = dict(zip(map(id, body.elements), body.memory_slices, strict=True))
     for kind in body.kinds:
         if issubclass(kind, (LeafElement, Cable)):
             continue

@@ -1,4 +1,4 @@
-"""Energies of a film at given shapes: what it holds, and what its materials lose."""
+"""Energies of a film at given shapes: elastic energy, and power lost by its materials."""
 
 from functools import cached_property
 from typing import Any, final
@@ -14,12 +14,12 @@ from cosim.soft.film.strain_rates import StrainRates
 
 @final
 class FilmEnergies:
-    """What a body's film holds and loses, at shapes that are given; made when it is first asked for.
+    """Elastic energy and losses of a body's film at given shapes; its terms are built on first use.
 
-    Another process makes its own.
+    A pickled copy builds them again.
 
     Args:
-        body: the film.
+        body: with the film.
         tick_s: [s], of the run.
     """
 
@@ -48,8 +48,8 @@ class FilmEnergies:
         """Return the power [W] that materials lose in a tick.
 
         Args:
-            positions: (3, n, 3) [m] two ticks before its end, one before, and there.
-            two_steps: whether its step looks back over both.
+            positions: (3, n, 3) [m], two ticks before its end, one before, and at the end.
+            two_steps: whether its step has a two-step scheme.
         """
         rates = self._rates
         if rates is None:

@@ -1,4 +1,4 @@
-"""Inertia and losses of an implicit step as an elastic bed: energy = sum_i c_i |x_i - y_i|^2 / 2."""
+"""The inertia term of an implicit step, with losses: energy = sum_i c_i |x_i - y_i|^2 / 2."""
 
 import math
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from cosim.soft.film.strain_rates import StrainRates
 @final
 @dataclass(frozen=True)
 class Inertia:
-    """The bed of a step: coefficient c, target y.
+    """The inertia term of a step: coefficient c, target y.
 
     Args:
         coefficient: (n,) [N/m], mass over the squared step, plus damping.
-        target: (n, 3) [m], where free flight would take each node.
-        step_s: length of the step; infinite for a bed that is no step in time.
+        target: (n, 3) [m], position of each node in free flight.
+        step_s: length of the step; infinite for a proximal term outside time.
         closely: whether the step is solved below the tolerance of an ordinary one.
-        rates: what materials resist rates of strain with in the step; None where none does.
+        rates: viscous losses of the materials; None for none.
     """
 
     coefficient: Array
@@ -30,5 +30,5 @@ class Inertia:
 
     @cached_property
     def kind(self) -> float:
-        """A number [N/m] that tells apart tangents of different steps: the sum of the bed."""
+        """A number [N/m] that identifies tangents with this term: the sum of the coefficients."""
         return float(self.coefficient.sum())

@@ -1,21 +1,20 @@
-"""Film that resists the rates of strains and of hinges: Kelvin-Voigt damping in an implicit step, in kernels.
-
-A hinge of spring constant k between films of times tau resists the rate of its angle with the mean tau,
-    dissipation potential = (tau k / s) (theta - theta')^2 / 2,
-theta' of the same difference formula as E'. It is that of its spring alone: the barrier of closed folds
-represents films that touch.
+"""Kernels of Kelvin-Voigt damping of films and hinges in an implicit step.
 
 A material with a loss factor tan delta at the angular frequency omega has the time tau = tan delta / omega,
 and resists rates of strain with tau times its stiffness. In a step that ends at strain E,
     dissipation potential = A (E - E') : R (E - E') / 2,   R = tau D / s,   D the tangent of the film's law,
-with E' and s of the difference formula by which nodes have velocities: E' = E_n, s = h with implicit Euler;
-E' = (4 E_n - E_n-1) / 3, s = 2 h / 3 with BDF2. Its gradient is what the film's rate of strain asks for,
+with E' and s of the difference formula of the velocities: E' = E_n, s = h with implicit Euler;
+E' = (4 E_n - E_n-1) / 3, s = 2 h / 3 with BDF2. Its gradient is the force of the film's rate of strain,
     force N = R (E - E'),   gradient_a = A F N g_a,   power lost = A (E - E') : R (E - E') / s >= 0.
-Green strain does not change in a rigid motion: none is resisted. D is taken at the shape from which the step
-begins, so that the potential is a sum of squares: loss is never negative. The tangents of convex laws are
-positive semidefinite; in place of that of "edge_strain", which need not be, stands the plain one. A wrinkled
-film resists with what its tangent has: almost nothing across its wrinkles, where strain is hidden by bending,
-so no tension comes of unfolding.
+Green strain does not change in a rigid motion, which is not resisted. D is taken at the shape at the start of
+the step, so that the potential is a sum of squares, and the loss is never negative. The tangents of convex
+laws are positive semidefinite; that of "edge_strain" need not be, and is replaced by the plain one. A
+wrinkled film resists with its tangent, almost nothing across its wrinkles, whose strain is hidden by bending;
+so unfolding causes no tension. A hinge of spring constant k between films of times tau resists the rate of
+its angle with the mean tau,
+    dissipation potential = (tau k / s) (theta - theta')^2 / 2,
+with theta' of the same difference formula as E'. Only its spring has losses: the barrier of closed folds
+represents contact of films.
 Source: Kelvin-Voigt material in any text on viscoelasticity, e.g. Lakes, Viscoelastic Materials, chapter 2.
 """
 
@@ -43,9 +42,9 @@ def fill_triangle_rates(
     """Fill E' and R of all triangles of a film for a step.
 
     Args:
-        x: (n, 3) [m], where it begins.
-        earlier_x: (n, 3) [m], one step before; of one step alone: anything.
-        two_steps: whether the step looks back over two.
+        x: (n, 3) [m], at the start.
+        earlier_x: (n, 3) [m], one step before; not used by one-step schemes.
+        two_steps: whether the scheme uses two earlier states.
         film: the triangles.
         time_over_span: tau / s.
         rates: (groups, RATE_ROOM), filled.
@@ -74,7 +73,7 @@ def fill_triangle_rates(
 
 @device_function
 def _resist(drawn: Vector, rates: Vector, s: Vector) -> None:
-    """Replace forces A N and energies of a group by those of its rates."""
+    """Replace forces A N and energies of a group of triangles by those of its rates."""
     for lane in range(LANES):
         area = drawn[4 * LANES + lane]
         d0 = s[STRAIN + lane] - rates[lane]
@@ -92,7 +91,7 @@ def _resist(drawn: Vector, rates: Vector, s: Vector) -> None:
 def add_triangle_rates(
     x: Matrix, film: MembraneRows, rates: Matrix, slots: IndexTable, gradient: Matrix, blocks: Blocks
 ) -> float:
-    """Add what resists the rates of all triangles to gradient and, if slots is not empty, to blocks.
+    """Add the losses of all triangles to gradient and, if slots is not empty, to blocks.
 
     Returns the dissipation potential [J]: half of the power lost, times s.
 
@@ -141,10 +140,10 @@ def fill_hinge_rates(
     """Fill theta' of all hinges for a step.
 
     Args:
-        earlier_x: (n, 3) [m], one step before; of one step alone: anything.
+        earlier_x: (n, 3) [m], one step before; not used by one-step schemes.
         hinges: (h, 4) nodes.
-        angles: (h,) [rad], where the step begins.
-        two_steps: whether the step looks back over two.
+        angles: (h,) [rad], at the start of the step.
+        two_steps: whether the scheme uses two earlier states.
         rate_angles: (h,) [rad], filled.
     """
     s, count = small_vector(ROOM), hinges.shape[0]

@@ -1,4 +1,4 @@
-"""What the materials of a body resist rates of strain with in a step, see `rate_kernels`."""
+"""Viscous losses of a body's materials in a step, see `rate_kernels`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class _LossyFilm:
     """A film with a loss factor.
 
     Args:
-        number: of the body's films.
+        number: index among the body's films.
         rows: its triangles.
         time_s: tau.
         rates: (groups, RATE_ROOM), of the step.
@@ -37,10 +37,10 @@ class _LossyFilm:
 
 @final
 class StrainRates:
-    """What a body's materials resist rates of strain with, in the step that was filled last.
+    """Viscous losses of a body's materials, for the step that was filled last.
 
     Args:
-        body: some film of which has a loss factor.
+        body: with at least one film with a loss factor.
     """
 
     def __init__(self, body: SoftBody) -> None:
@@ -51,26 +51,26 @@ class StrainRates:
         ]
         bent = len(body.hinges.coupled)
         self.hinges = body.hinges.arrays.nodes[:bent]
-        """(h, 4) nodes of the hinges whose angles are remembered."""
-        place = body.memory_places[body.elements.index(body.hinges)]
+        """(h, 4) nodes of the hinges with angles in the memory."""
+        place = body.memory_slices[body.elements.index(body.hinges)]
         self.angles = slice(place.start, place.start + bent)
-        """Where these angles are in the memory."""
+        """Slice of these angles in the memory."""
         self._spring_s = hinge_times(body, self.hinges) * body.hinges.stiffness[:bent]
         self._stiffness, self._angle = np.zeros(bent), np.zeros(bent)
         self._springs = HingeRows(self.hinges, self._stiffness, self._angle, 0.0)
 
     @classmethod
     def of(cls, body: SoftBody) -> "StrainRates | None":
-        """Return them for a body; None where none of its films has a loss factor."""
+        """Return the losses of a body; None if none of its films has a loss factor."""
         return cls(body) if any(each.film.loss_factor for each in body.membranes) else None
 
     def fill(self, x: Array, earlier_x: Array | None, memory: Array, span: float) -> None:
-        """Let a step begin.
+        """Prepare a step.
 
         Args:
-            x: (n, 3) [m], where it begins.
-            earlier_x: (n, 3) [m], one step before, where it looks back over two; None where over one.
-            memory: (values,), of the elements where it begins.
+            x: (n, 3) [m], at its start.
+            earlier_x: (n, 3) [m], one step before, for a two-step scheme; None for a one-step scheme.
+            memory: (values,), of the elements at the start.
             span: s [s].
         """
         two_steps, before = (False, x) if earlier_x is None else (True, earlier_x)
@@ -87,7 +87,7 @@ class StrainRates:
         gradient: Array,
         blocks: Array,
     ) -> list[Call]:
-        """Return the leaves that add what resists rates: their sum is half of the power lost, times s.
+        """Return the kernel calls that add the losses: their sum is half of the power lost, times s.
 
         Args:
             angles: of the hinges.
@@ -103,7 +103,7 @@ class StrainRates:
         return [*found, Call(add_hinges, (self._springs, angles, hinge_slots, gradient, blocks))]
 
     def begin(self, x: Array, earlier_x: Array | None, span: float) -> None:
-        """Let a step begin whose elements' memory is not known; see `fill`."""
+        """Prepare a step without a known memory of the elements, see `fill`."""
         self._memory = memory = np.zeros(self.angles.stop)
         memory[self.angles] = dihedral_angle(x, self.hinges)
         self.fill(x, earlier_x, memory, span)
@@ -127,7 +127,7 @@ class StrainRates:
 
 
 def hinge_times(body: SoftBody, hinges: IntArray) -> Array:
-    """Return tau (h,) [s] of each hinge: the mean of the triangles beside it.
+    """Return tau (h,) [s] of each hinge: the mean of its two triangles.
 
     Args:
         body: with the films.

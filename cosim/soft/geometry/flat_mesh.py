@@ -2,10 +2,8 @@
 
 Lines are cut at their crossings, then divided into equal edges between their corners. A hexagonal lattice
 fills the sheet; a constrained Delaunay triangulation joins all nodes, is refined where angles are small,
-and free nodes move to the mean of their neighbours. What is mirror-symmetric is meshed on one side and
-mirrored, so that the mesh is too.
-
-Outlines of sheets: lines joined where they nearly meet, the film within them, and what is refused.
+and free nodes move to the mean of their neighbours. Mirror-symmetric sheets are meshed on one side and
+mirrored, so that the mesh is symmetric. Lines of an outline are joined where they nearly meet.
 """
 
 import math

@@ -1,7 +1,6 @@
-"""Film surfaces whose nodes have names: what a soft body is made from; their creases, and finer ones.
+"""Film surfaces with named nodes, from which soft bodies are made; their creases and refinement.
 
-Finer meshes of the same drawn shape: triangles cut in four, those beside them closed by fewer parts.
-
+A refined mesh has the same drawn shape: triangles are cut in four, and their neighbours in fewer parts.
 Source: R. E. Bank, A. H. Sherman, A. Weiser, "Refinement algorithms and data structures for regular local
 mesh refinement", Scientific Computing (1983): red triangles are cut in four, green ones close the mesh.
 """

@@ -1,8 +1,4 @@
-"""Stacks of polygonal units, and the meshes around their holes.
-
-Pneumatic chambers as triangle meshes: stacks of polygonal units, each two films welded at the rim.
-
-Finer meshes around the hole rings of a stack, where its units bend, and films fused there.
+"""Stacks of polygonal units as triangle meshes, each unit two films welded at the rim; finer around holes.
 
 Around a small hole the film's displacements go with the logarithm of the distance from the axis: nodes are
 put at a third of the logarithmic way outwards, not at the midpoint. Measured: docs/necks.md.

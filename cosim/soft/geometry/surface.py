@@ -1,11 +1,4 @@
-"""Triangulated surfaces: edges and hinges, groups of faces, rims.
-
-Triangulated surfaces: their checks, the edges that fold, the angle at them, of arrays and in kernels.
-
-What triangles of a surface carry: groups and values with names, which a part has from the whole.
-
-Open ends of a surface: their rims, in the order of the caps that close them.
-"""
+"""Triangulated surfaces: checks, edges and hinges with their angles, groups of faces, rims of open ends."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,16 +1,13 @@
-"""Cholesky within the envelope of the matrix, for long bodies, and by fronts where that would be wide.
+"""Cholesky factorisation within the envelope of the matrix, for long bodies, or by fronts, for wide ones.
 
-Bodies that nothing couples are factorised one by one. Row i of L is kept from the first entry of row i of A
-on; no fill lies before it. Rows and columns are taken four at a time, as tiles:
+Uncoupled bodies are factorised one by one. In the envelope, row i of L is stored from the first entry of row
+i of A; there is no fill before it. Rows and columns are grouped by four, as tiles:
     L_IJ = (A_IJ - sum_K L_IK L_JK^T) L_JJ^-T,   L_II L_II^T = A_II - sum_K L_IK L_IK^T.
-Source: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4.
-
-Front k eliminates its components p and hands the rest q on to its parent:
-
+Front k eliminates its components p and passes the rest q to its parent:
     A_pp = L L^T,   W = A_qp L^-T,   U = A_qq - W W^T.
-
-L^-1 is kept instead of L: fronts are narrow, and products with it are what processors are fast at.
-Source: Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
+L^-1 is stored instead of L: fronts are narrow, and products with it are fast.
+Sources: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4;
+Duff and Reid, ACM Trans. Math. Software 9 (1983) 302 (the multifrontal method).
 """
 
 from __future__ import annotations
@@ -27,6 +24,7 @@ from numpy.typing import NDArray
 from cosim.base.frames import Array, IntArray, Mask, PlaceArray
 from cosim.base.state_checks import KnownStates, check_state
 from cosim.soft.linear import envelope_kernels, fronts, linear_solver
+from cosim.soft.linear.dissection import dissect
 from cosim.soft.linear.envelope_kernels import (
     SingleFactor,
     TileEntries,
@@ -35,31 +33,35 @@ from cosim.soft.linear.envelope_kernels import (
     factorise,
     forward,
 )
-from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree, dissect
-from cosim.soft.linear.pattern import BlockPattern, part_of, ranges_apart
+from cosim.soft.linear.fronts import COLUMNS, FrontLists, FrontRoom, FrontTree
+from cosim.soft.linear.pattern import BlockPattern, part_of, uncoupled_ranges
 
 _TILE: Final = 4
 _STRAIGHT = np.eye(3)
+# Mean width of an envelope above which fronts are faster. At 137 entries a row fronts take 1.2 times as long
+# as the envelope, at 287 half as long; a solution takes 1.2 and 0.7 times as long.
+_WIDEST_ENVELOPE = 200
+_FRONT_NODES = 12  # nodes eliminated together
 
 
 def _first_entries(row: IntArray, column: IntArray, size: int) -> IntArray:
-    """Return the first column (size,) of every row of the lower triangle with such entries."""
+    """Return the column (size,) of the first entry in each row of the lower triangle."""
     first = np.arange(size)
     np.minimum.at(first, row, column)
     return first
 
 
 def _best_order(pattern: BlockPattern, movable: Mask, like: IntArray | None) -> IntArray:
-    """Return the movable nodes in the order of least work: as numbered, backwards, or Cuthill-McKee's.
+    """Return the movable nodes in the order of least work: as numbered, Cuthill-McKee, or their reverses.
 
-    Where another order has been found best for fewer ties, that or the reverse.
+    If `like` is the best order of a pattern with fewer couplings, only that and its reverse are compared.
     """
     nodes = np.flatnonzero(movable)
     if not len(nodes):
         return nodes
     local = np.cumsum(movable) - 1
-    kept = movable[pattern.row] & movable[pattern.column]
-    rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
+    used = movable[pattern.row] & movable[pattern.column]
+    rows, columns = local[pattern.row[used]], local[pattern.column[used]]
     as_numbered = np.arange(len(nodes))
     if like is None:
         graph = scipy.sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes),) * 2)
@@ -82,14 +84,14 @@ def _best_order(pattern: BlockPattern, movable: Mask, like: IntArray | None) -> 
 @final
 @dataclass(frozen=True)
 class _Part:
-    """The envelope of a range of nodes that nothing couples with others.
+    """The envelope of a range of nodes without coupling to others.
 
     Args:
-        entries: of A, see `factorise`: sources in the blocks of the whole, places, first one of each tile.
-        start: where each tile's rows begin, and
-        first: first tile of each.
-        dofs: (size,), the component 3 node + axis of each equation, nodes numbered from the range's first.
-        stored: entries of L.
+        entries: of A, see `factorise`, with sources in the blocks of the whole body.
+        start: start of each tile row in the store.
+        first: first tile of each tile row.
+        dofs: (size,), component 3 node + axis of each equation, nodes numbered from the range's first.
+        stored: number of entries of L.
         bandwidth: of A.
     """
 
@@ -102,13 +104,13 @@ class _Part:
 
     @classmethod
     def of(cls, pattern: BlockPattern, free: Mask, nodes: tuple[int, int], like: IntArray | None) -> _Part:
-        """Return that of a range of nodes.
+        """Return the envelope of a range of nodes.
 
         Args:
             pattern: of the whole body.
             free: (n, 3) bool, components that can move.
-            nodes: the first one, and the one after the last.
-            like: order of the nodes of the whole body in an envelope with fewer ties, if there is one.
+            nodes: first node, and the one after the last.
+            like: elimination order of the whole body for a pattern with fewer couplings, or None.
         """
         begin, end = nodes
         own, before = part_of(pattern, begin, end)
@@ -125,7 +127,7 @@ class _Part:
 
 
 class PartFactor(NamedTuple):
-    """L of a range of nodes that nothing couples with others.
+    """L of a range of nodes without coupling to others.
 
     Args:
         factor: its tiles, in either precision.
@@ -146,17 +148,17 @@ class PartFactor(NamedTuple):
 
 @final
 class EnvelopeCholesky(linear_solver.LinearSolver):
-    """Cholesky within the envelope; refuses an indefinite matrix.
+    """Cholesky factorisation within the envelope; fails for an indefinite matrix.
 
     Args:
         pattern: of the whole body.
         free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
-        like: of the same components with fewer ties, whose order is taken over.
+        like: solver of the same components with fewer couplings, whose elimination order is reused.
     """
 
     def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
         super().__init__(pattern, free)
-        apart, order = ranges_apart(pattern), None if like is None else like.order
+        apart, order = uncoupled_ranges(pattern), None if like is None else like.order
         parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]
         self._parts = parts
         sizes = [(part.stored, len(part.start), len(part.dofs)) for part in parts]
@@ -166,12 +168,12 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         self._rounded: list[PartFactor] = []
         self.bandwidth = max(part.bandwidth for part in parts)
         self._store, self._inverse = np.empty(ends[-1, 0]), np.empty(_TILE * ends[-1, 1])
-        self._lent = False  # whether a saved state holds the factor
+        self._lent = False  # whether a saved state uses the arrays of the factor
         self._known = KnownStates()
 
     @cached_property
     def order(self) -> IntArray:
-        """The nodes that can move, in the order of elimination, part after part."""
+        """Movable nodes in the order of elimination, part by part."""
         found = []
         for part, begin in zip(self._parts, self.apart[:-1].tolist(), strict=True):
             nodes, first = np.unique(part.dofs // 3, return_index=True)
@@ -180,7 +182,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
 
     @property
     def mean_width(self) -> float:
-        """Entries of a row of L on average."""
+        """Mean number of entries in a row of L."""
         return len(self._store) / max(self.size, 1)
 
     @property
@@ -193,7 +195,7 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
 
     @property
     def factors(self) -> list[PartFactor]:
-        """L of each part, as `substitute` takes it."""
+        """L of each part, for `substitute`."""
         if self._factors is None or self._factors[0] is not self._store:
             cuts = self._table[:, linear_solver.NODE].tolist()
             self._factors = (
@@ -207,14 +209,14 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
 
     @property
     def rounded(self) -> list[PartFactor]:
-        """L of each part in single precision, as `substitute_singly` takes it; made once a factorisation."""
+        """L of each part in single precision, for `substitute_singly`; made once per factorisation."""
         if not self._rounded:
             self._rounded = [part.rounded() for part in self.factors]
         return self._rounded
 
     @property
     def pivots(self) -> Array:
-        """(size,) of the factor, squares of the diagonal of L, part after part."""
+        """Pivots (size,): squares of the diagonal of L, part by part."""
         return np.asarray(1.0 / self._inverse[self._diagonal] ** 2)
 
     @cached_property
@@ -239,12 +241,12 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
             for number, part in enumerate(self._parts)
         )
 
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+    def _export_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
         self._known.add(self._store)
         return self._store, self._inverse
 
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+    def _import_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
         if parts[0] not in self._known or parts[1].shape != self._inverse.shape:
             check_state(parts, (self._store, self._inverse), place="state.soft.newton.factor.parts")
         self._store, self._inverse = parts
@@ -279,22 +281,16 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
 
 
-# Entries of a row on average. At 137 fronts take 1.2 times as long as the envelope, at 287 half as long; a
-# solution takes 1.2 and 0.7 times as long.
-_WIDEST_ENVELOPE = 200
-_FRONT_NODES = 12  # eliminated in one go
-
-
 def cholesky(
     pattern: BlockPattern, free: Mask, far: IntArray, like: linear_solver.LinearSolver | None = None
 ) -> linear_solver.LinearSolver:
-    """Return the faster of both ways for a symmetric matrix.
+    """Return the faster solver for a symmetric matrix: envelope or fronts.
 
     Args:
         pattern: of the whole body.
         free: (n, 3) bool, world components that can move.
-        far: nodes that are tied together across the mesh.
-        like: solver of the same components with fewer ties, whose order of elimination is taken over.
+        far: nodes that are coupled across the mesh.
+        like: solver of the same components with fewer couplings, whose elimination order is reused.
     """
     if not isinstance(like, DissectedCholesky):
         envelope = EnvelopeCholesky(pattern, free, like if isinstance(like, EnvelopeCholesky) else None)
@@ -306,11 +302,11 @@ def cholesky(
 
 
 def _graph(solver: linear_solver.LinearSolver) -> scipy.sparse.csr_matrix:
-    """Return which free nodes a solver's pattern ties to one another."""
+    """Return the adjacency of a solver's free nodes."""
     pattern, movable = solver.pattern, np.asarray(solver.free.any(axis=1))
     local = np.cumsum(movable) - 1
-    kept = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)
-    rows, columns = local[pattern.row[kept]], local[pattern.column[kept]]
+    used = movable[pattern.row] & movable[pattern.column] & (pattern.row != pattern.column)
+    rows, columns = local[pattern.row[used]], local[pattern.column[used]]
     half = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(solver.free_nodes),) * 2)
     return (half + half.T).tocsr()
 
@@ -325,13 +321,13 @@ def _dissected(solver: linear_solver.LinearSolver, far: IntArray | None) -> list
 
 @final
 class DissectedCholesky(linear_solver.LinearSolver):
-    """Cholesky in the order of a nested dissection; refuses an indefinite matrix.
+    """Cholesky factorisation in the order of a nested dissection; fails for an indefinite matrix.
 
     Args:
         pattern: of the whole body.
         free: (n,) bool, nodes that can move, or (n, 3) bool, world components that can.
-        far: nodes that are tied together across the mesh.
-        groups: of free nodes in the order of elimination; found if not given.
+        far: nodes that are coupled across the mesh.
+        groups: of free nodes in the order of elimination; None to compute them.
     """
 
     def __init__(
@@ -364,7 +360,7 @@ class DissectedCholesky(linear_solver.LinearSolver):
         return self._multiplications
 
     def _place_entries(self, number: IntArray) -> None:
-        """Find where each entry of the matrix goes, front by front."""
+        """Compute the index of each entry of the matrix in the store, front by front."""
         tree = self._tree
         row, column, source = linear_solver.lower_entries(self.pattern, number)
         front, place = tree.place(row, column)
@@ -382,12 +378,12 @@ class DissectedCholesky(linear_solver.LinearSolver):
         room = FrontRoom(self._work, self._spare, self._stack, self._store)
         return bool(fronts.factorise(blocks.reshape(-1), self._source, self._place, shift, self._lists, room))
 
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+    def _export_factor(self) -> tuple[NDArray[Any], ...]:
         self._lent = True
         self._known.add(self._store)
         return (self._store,)
 
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+    def _import_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
         if parts[0] not in self._known:
             check_state(parts, (self._store,), place="state.soft.newton.factor.parts")
         (self._store,) = parts

@@ -1,4 +1,4 @@
-"""Whether a static tangent is still positive definite where it was not factorised: as its pivots fall."""
+"""Extrapolation of pivots, to know whether a static tangent is positive definite without factorising it."""
 
 from dataclasses import dataclass
 from typing import Annotated, Final, final
@@ -7,60 +7,60 @@ import numpy as np
 
 from cosim.base.frames import Array
 
-_FALLEN_MOST: Final = 0.3  # share by which a pivot may fall that is not looked at
-_NEAR: Final = 3.0  # how much further than between two tangents
-_SHORT: Final = 0.2  # over the way between two tangents
-_ALONG: Final = 0.5  # cosine of two ways
+_FALLEN_MOST: Final = 0.3  # largest relative fall of a pivot that is accepted without a check
+_NEAR: Final = 3.0  # largest distance, over that of the last two tangents
+_SHORT: Final = 0.2  # distance, over that of the last two tangents, below which any direction is accepted
+_ALONG: Final = 0.5  # least cosine of the directions
 
 
 @final
 @dataclass(frozen=True)
 class DefiniteTangent:
-    """A static tangent that was positive definite, and how its pivots fell on the way from the one before it.
+    """A static tangent that was positive definite, and the fall of its pivots since the one before it.
 
     Args:
         pivots: see `EnvelopeCholesky.pivots`.
-        place: (n, 3) [m], where it was taken, flange axes, from the middle of all nodes.
-        way: (n, 3) [m], from the one before; zero for the first one.
-        fallen: largest fall of a pivot meanwhile, over what is left of it.
+        shape: (n, 3) [m], of the tangent, flange axes, about the mean of all nodes.
+        motion: (n, 3) [m], from the shape of the tangent before; zero for the first one.
+        fallen: largest fall of a pivot since then, over its new value.
     """
 
     pivots: Annotated[Array, ("pivots",)]
-    place: Annotated[Array, ("nodes", 3)]
-    way: Annotated[Array, ("nodes", 3)]
+    shape: Annotated[Array, ("nodes", 3)]
+    motion: Annotated[Array, ("nodes", 3)]
     fallen: float = 0.0
 
     @classmethod
     def after(
         cls, before: "DefiniteTangent | None", pivots: Array, begin: Array, end: Array
     ) -> "DefiniteTangent":
-        """Return one that was made somewhere on a way, at its end if that has no length.
+        """Return the record of a new tangent, somewhere between two shapes, which may be the same.
 
         Args:
-            before: the last one.
-            pivots: of the new one.
-            begin: (n, 3) [m], of the way.
-            end: of the way.
+            before: the last record.
+            pivots: of the new tangent.
+            begin: (n, 3) [m], one shape.
+            end: the other shape.
         """
         if before is None or len(before.pivots) != len(pivots):
             return cls(pivots, end, np.zeros_like(end))
-        along, gone = end - begin, before.place - begin
-        share = float((along * gone).sum()) / max(float((along**2).sum()), 1e-300)
-        nearest = begin + min(max(share, 0.0), 1.0) * along  # no rate of fall is taken for less than it is
+        along, offset = end - begin, before.shape - begin
+        fraction = float((along * offset).sum()) / max(float((along**2).sum()), 1e-300)
+        nearest = begin + min(max(fraction, 0.0), 1.0) * along  # so that the rate is not underestimated
         fallen = float((before.pivots / pivots - 1.0).max(initial=0.0))
-        return cls(pivots, end, nearest - before.place, fallen)
+        return cls(pivots, end, nearest - before.shape, fallen)
 
     def reaches(self, end: Array, begin: Array | None = None) -> bool:
-        """Return whether no pivot falls by much until an end, if they fall as before.
+        """Return whether no pivot falls by much up to another shape, extrapolated at the last rate.
 
         Args:
             end: (n, 3) [m].
-            begin: where the tangent was taken; `place` unless given.
+            begin: shape of the tangent; None for `shape`.
         """
-        beyond = end - (self.place if begin is None else begin)
-        far, before = (float(np.sqrt((way**2).sum())) for way in (beyond, self.way))
-        # another way tells nothing, unless it is short: what rose on this one may fall again, by its share
-        follows = float((beyond * self.way).sum()) >= _ALONG * far * before
+        beyond = end - (self.shape if begin is None else begin)
+        far, before = (float(np.sqrt((motion**2).sum())) for motion in (beyond, self.motion))
+        # in another direction the rate is valid for short motions only: pivots that rose may fall again
+        follows = float((beyond * self.motion).sum()) >= _ALONG * far * before
         return (
             (follows or far <= _SHORT * before)
             and far <= _NEAR * before

@@ -19,9 +19,9 @@ class TileEntries(NamedTuple):
     """Entries of A.
 
     Args:
-        source: their places in the blocks, as numbers.
-        place: their places in the store.
-        first: (tiles + 1,), the first of each tile.
+        source: their indices in the flat blocks.
+        place: their indices in the store.
+        first: (tiles + 1,), first entry of each tile.
     """
 
     source: Places
@@ -46,7 +46,7 @@ class TileFactor(NamedTuple):
 
 
 class SingleFactor(NamedTuple):
-    """L in single precision, see `TileFactor`: half as many bytes, and bytes are what a solution takes.
+    """L in single precision, see `TileFactor`: a solution's time is that of reading its bytes.
 
     Args:
         start: (tiles,).
@@ -62,14 +62,14 @@ class SingleFactor(NamedTuple):
 
 
 class TileLists(NamedTuple):
-    """Where the entries of a matrix go, tile by tile.
+    """Indices of a matrix' entries, tile by tile.
 
     Args:
-        entry: (tiles + 1,), the first entry of each tile, and how many there are.
-        first: (tiles,), first tile of the rows of each.
-        start: (tiles + 1,), where the rows of each begin in the store, and where the last ones end.
-        source: of each entry, its place in the blocks, as numbers; with room for 9 of each block.
-        place: of each entry, in the store; with the same room.
+        entry: (tiles + 1,), first entry of each tile, and the number of entries.
+        first: (tiles,), first tile of each tile row.
+        start: (tiles + 1,), start of each tile row in the store, and the end of the last one.
+        source: of each entry, its index in the flat blocks; allocated for 9 per block.
+        place: of each entry, its index in the store; allocated likewise.
     """
 
     entry: Places
@@ -81,10 +81,10 @@ class TileLists(NamedTuple):
 
 @device_function
 def _equations(number: IndexTable, row: int, column: int, k: int) -> tuple[int, int]:
-    """Return row and column of entry k of a block in the lower triangle, -1 where it is not to be there."""
+    """Return row and column of entry k of a block in the lower triangle, -1 if it is not used."""
     r, c = k // 3, k % 3
     i, j = number[row, r], number[column, c]
-    # diagonal blocks hold both triangles of a symmetric block: the lower one is kept
+    # diagonal blocks hold both triangles of a symmetric block: only the lower one is used
     if i < 0 or j < 0 or (row == column and r < c):
         return -1, -1
     return max(i, j), min(i, j)
@@ -92,7 +92,7 @@ def _equations(number: IndexTable, row: int, column: int, k: int) -> tuple[int, 
 
 @kernel
 def list_entries(row: Indices, column: Indices, number: IndexTable, before: int, lists: TileLists) -> int:
-    """Fill where the lower triangle's entries go; return the bandwidth.
+    """Fill the indices of the lower triangle's entries; return the bandwidth.
 
     Args:
         row: (blocks,) node of each block's rows.

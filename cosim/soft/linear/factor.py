@@ -17,7 +17,7 @@ from cosim.soft.linear.cholesky import EnvelopeCholesky
 from cosim.soft.linear.envelope_kernels import substitute, substitute_singly
 from cosim.soft.linear.linear_solver import LinearSolver, ShiftSearch, Tangent
 from cosim.soft.linear.pattern import BlockPattern
-from cosim.soft.linear.secant_pairs import SecantPairs, bend_load, keep_pair, mend_step
+from cosim.soft.linear.secant_pairs import SecantPairs, add_pair, secant_load, secant_step
 from cosim.soft.linear.vectors import longest
 
 EXTRA_MAX: Final = 8
@@ -65,7 +65,7 @@ class Factor:
         self.solver: LinearSolver = self.narrow
         self.key: FactorKey | None = None
         self._frame, self._frame_bytes, self._known = _STRAIGHT, _STRAIGHT.tobytes(), 0
-        self._shifts, self._pairs = ShiftSearch(), SecantPairs.room(len(free))
+        self._shifts, self._pairs = ShiftSearch(), SecantPairs.empty(len(free))
 
     @property
     def pattern(self) -> BlockPattern:
@@ -127,7 +127,7 @@ class Factor:
             roughly: whether to use the factor in single precision. It is read from memory in half the time,
                 and its rounding is far below the change of the tangent since the factorisation.
         """
-        unchecked(bend_load)(self._pairs, self._known, gradient, out)
+        unchecked(secant_load)(self._pairs, self._known, gradient, out)
         turn = _STRAIGHT if frame.tobytes() == self._frame_bytes else frame.dot(self._frame.T)
         solver = self.solver
         if isinstance(solver, EnvelopeCholesky) and solver.correction is None:
@@ -136,7 +136,7 @@ class Factor:
                 leaf(factor, dofs, turn, out[None, own])
         else:
             out[:] = solver.solve(out, turn)
-        unchecked(mend_step)(self._pairs, self._known, out)
+        unchecked(secant_step)(self._pairs, self._known, out)
         return unchecked(longest)(out)
 
     def add_secant(self, step: Array, before: Array, after: Array) -> bool:
@@ -148,5 +148,5 @@ class Factor:
             after: gradient at its end.
         """
         known = self._known
-        self._known = unchecked(keep_pair)(self._pairs, known, step, before, after, self._free)
+        self._known = unchecked(add_pair)(self._pairs, known, step, before, after, self._free)
         return self._known > known

@@ -1,174 +1,24 @@
-"""The factorisation by fronts: what each eliminates, hands on, and where; and its kernels.
+"""Multifrontal factorisation: the tree of fronts, and the kernels that factorise and substitute.
 
-Front k eliminates its own p components and hands what is left of q others, its rest, on to its parent: the
-front that owns the first of them. Row i of a front is the i-th of both together.
-
-Nested dissection: an order of elimination for large meshes, as a tree of separators.
-
-A connected part is cut by the fewest nodes between both ends of its breadth-first order: of the two cuts that
-are found, the one with the less size^1.5 / (size of the smaller side). What is on either side is cut again,
-and eliminated before it. Nodes that tie far places together, such as the eyelets of a cable, would blur the
-order: it does not follow these ties, and what they tie across a cut is cut as well. The fewest nodes of a cut
-are a maximum flow: every node that may be cut becomes an arc of capacity one, every tie an arc without bound.
-Sources: George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 8;
-Ford and Fulkerson, Flows in Networks, 1962, chapter I.11 (Menger's theorem).
-
-A front's own columns, p of them, are assembled in `work`. Its factor is kept as L_pp^-1 and W, row by row.
+Front k eliminates its p components and passes the Schur complement of q others, its rest, to its parent: the
+front that owns the first of them. Row i of a front is the i-th of both together. A front's p columns are
+assembled in `work`; its factor is stored as L_pp^-1 and W, row by row.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
-import scipy
 
-from cosim.base.frames import IntArray, Mask
+from cosim.base.frames import IntArray
 from cosim.base.kernel_types import Places, PlaceTable, Vector
 from cosim.base.kernels import allocating, device_function, kernel
+from cosim.soft.linear.dissection import Graph
 
-Graph: TypeAlias = "scipy.sparse.csr_matrix"
-
-_LEAF_NODES = 40  # parts no larger are not cut
-_END = 0.2  # share of the nodes, at either end, that a cut leaves alone
-
-
-def dissect(graph: Graph, tied: IntArray, most: int) -> list[IntArray]:
-    """Return groups of nodes in the order of their elimination, each eliminated in one go.
-
-    Args:
-        graph: (n, n) adjacency, symmetric.
-        tied: nodes that are tied together across the mesh.
-        most: nodes of a group.
-    """
-    far = np.zeros(graph.shape[0], dtype=bool)
-    far[tied] = True
-    return [
-        piece for group in _parts(graph, np.arange(len(far)), far) for piece in _pieces(graph, group, most)
-    ]
-
-
-def _pieces(graph: Graph, group: IntArray, most: int) -> list[IntArray]:
-    """Return a group in pieces of at most so many nodes, neighbours together."""
-    if len(group) <= most:
-        return [group] if len(group) else []
-    order = scipy.sparse.csgraph.reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
-    return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // most))]
-
-
-def _parts(graph: Graph, nodes: IntArray, far: Mask) -> list[IntArray]:
-    """Return the groups of some nodes in the order of their elimination."""
-    if len(nodes) <= _LEAF_NODES:
-        return [nodes]
-    inner = graph[nodes][:, nodes].tocsr()
-    count, label = scipy.sparse.csgraph.connected_components(inner, directed=False)
-    if count > 1:
-        return [group for k in range(count) for group in _parts(graph, nodes[label == k], far)]
-    cut = _best_cut(inner, far[nodes])
-    if cut is None:
-        return [nodes]
-    return [*_parts(graph, nodes[~cut], far), nodes[cut]]
-
-
-def _best_cut(graph: Graph, far: Mask) -> Mask | None:
-    """Return which nodes part a connected graph best; None where there is nothing to part."""
-    row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
-    order = _order(graph, row, far)
-    end = max(1, int(_END * len(order)))
-    first, last = (np.zeros(len(order), dtype=bool) for _ in range(2))
-    first[order[:end]], last[order[-end:]] = True, True
-    # a tie from end to end can only be cut at one of them
-    ties = np.unique(row[first[row] & last[column]])
-    first[ties] = False
-    if not first.any():
-        return None
-    least, best = np.inf, None
-    tied = np.zeros(len(order), dtype=bool)
-    tied[ties] = True
-    for found in least_cuts(_without(graph, row, tied), first, last | tied):
-        cut = tied.copy()
-        cut[found] = True
-        side = _side(graph, row, cut, first)
-        smaller = min(side, len(order) - int(cut.sum()) - side)
-        cost = int(cut.sum()) ** 1.5 / smaller if smaller > 0 else np.inf
-        if cost < least:
-            least, best = cost, cut
-    return best
-
-
-def _without(graph: Graph, row: IntArray, gone: Mask) -> Graph:
-    """Return the graph without the ties of some nodes."""
-    kept = ~(gone[row] | gone[graph.indices])
-    ties = np.ones(int(kept.sum())), (row[kept], graph.indices[kept])
-    return scipy.sparse.csr_matrix(ties, shape=graph.shape)
-
-
-def _side(graph: Graph, row: IntArray, cut: Mask, first: Mask) -> int:
-    """Return how many nodes a cut leaves together with those of `first`."""
-    _, label = scipy.sparse.csgraph.connected_components(_without(graph, row, cut), directed=False)
-    return int((np.isin(label, label[first]) & ~cut).sum())
-
-
-def _order(graph: Graph, row: IntArray, far: Mask) -> IntArray:
-    """Return all nodes, those first that are near to one that is far from all others."""
-    short = ~(far[row] & far[graph.indices])
-    ties = np.ones(int(short.sum())), (row[short], graph.indices[short])
-    plain = scipy.sparse.csr_matrix(ties, shape=graph.shape)
-    order: IntArray = np.zeros(1, dtype=np.int64)
-    search = scipy.sparse.csgraph.breadth_first_order
-    for walked in (plain, graph):
-        end = 0
-        for _ in range(3):
-            order = search(walked, end, directed=False, return_predecessors=False)
-            end = int(order[-1])
-        if len(order) == graph.shape[0]:
-            break
-    return order
-
-
-def least_cuts(graph: Graph, near: Mask, far: Mask) -> tuple[IntArray, IntArray]:
-    """Return the least cut next to `near` and the one next to `far`; both have the same size.
-
-    Args:
-        graph: (n, n) adjacency, symmetric.
-        near: (n,) nodes on one side; none of them is tied to one of `far`.
-        far: (n,) nodes on the other side.
-    """
-    row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
-    between = np.flatnonzero(~(near | far))
-    count = len(between)
-    local = np.full(graph.shape[0], -1)
-    local[between] = np.arange(count)
-    a, b = local[row], local[column]
-    within = (a >= 0) & (b >= 0)
-    entered, left = np.unique(b[near[row] & (b >= 0)]), np.unique(a[far[column] & (a >= 0)])
-    # node i is the arc from i to count + i
-    source, sink = 2 * count, 2 * count + 1
-    tail = [np.arange(count), count + a[within], np.full(len(entered), source), count + left]
-    head = [count + np.arange(count), b[within], entered, np.full(len(left), sink)]
-    capacity = np.full(sum(len(part) for part in tail), count + 1, dtype=np.int32)
-    capacity[:count] = 1
-    shape = (2 * count + 2,) * 2
-    arcs = scipy.sparse.csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
-    spare = arcs - scipy.sparse.csgraph.maximum_flow(arcs, source, sink).flow
-    spare.data[spare.data < 0] = 0
-    spare.eliminate_zeros()
-    reached, reaching = _reached(spare, source), _reached(spare.T.tocsr(), sink)
-    first = reached[:count] & ~reached[count:-2]
-    last = reaching[count:-2] & ~reaching[:count]
-    return between[first], between[last]
-
-
-def _reached(arcs: Graph, start: int) -> Mask:
-    """Return which nodes (n,) arcs lead to."""
-    found = np.zeros(arcs.shape[0], dtype=bool)
-    found[scipy.sparse.csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
-    return found
-
-
-COLUMNS = 32  # of what is left, stored next to one another
+COLUMNS = 32  # columns of a Schur complement that are stored together
 # Columns of the kernels' table of fronts: where each begins in the lists below, in the store and the stack.
 FIRST, START, REST, CHILD, RUN, ENTRY, LEFT = range(7)
 
@@ -178,22 +28,21 @@ FIRST, START, REST, CHILD, RUN, ENTRY, LEFT = range(7)
 class FrontTree:
     """All fronts in the order of elimination; components are numbered in that order.
 
-    What is left of a front are the entries (i, j), i >= j, of its rest. It is stored by groups of COLUMNS
-    columns: entry (i, j) is at begin[j // COLUMNS] + COLUMNS i + j % COLUMNS, see `column_places`.
+    The Schur complement of a front has the entries (i, j), i >= j, of its rest. It is stored by groups of
+    COLUMNS columns: entry (i, j) is at begin[j // COLUMNS] + COLUMNS i + j % COLUMNS, see `column_places`.
 
     Args:
-        first: (fronts + 1,) first component of each.
-        start: (fronts + 1,) where the factor of each begins: rows of p, its own, then those of its rest.
-        rest_first: (fronts + 1,) where each begins in `rest`.
-        rest: components of the rest.
-        rows: of those, their rows in the parent.
-        child_first: (fronts + 1,) where each begins in `children`.
-        children: fronts that hand on to each.
-        left: (fronts,) where what is left of each begins in the stack.
-        run_first: (fronts + 1,) where each begins in `runs`.
-        runs: (r, 5) first and last + 1 column of a rest that stay next to one another in the parent, where
-            the first of them is in what is left of the front and in the parent, and whether the parent owns
-            them.
+        first: (fronts + 1,), first component of each front.
+        start: (fronts + 1,), start of each front's factor: rows of its p components, then of its rest.
+        rest_first: (fronts + 1,), start of each front in `rest`.
+        rest: components of the rests.
+        rows: row of each of them in the parent.
+        child_first: (fronts + 1,), start of each front in `children`.
+        children: fronts with Schur complements for each.
+        left: (fronts,), start of each front's Schur complement in the stack.
+        run_first: (fronts + 1,), start of each front in `runs`.
+        runs: (r, 5): first and last + 1 column of a rest that are neighbours in the parent too, index of the
+            first in the Schur complement and in the parent, and whether the parent owns them.
         stack: length of the stack.
     """
 
@@ -241,7 +90,7 @@ class FrontTree:
         )  # fmt: skip
 
     def place(self, row: IntArray, column: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the front of each entry (row >= column) of the matrix, and where in its columns it is."""
+        """Return the front of each entry (row >= column) of the matrix, and its index in that front."""
         front = np.searchsorted(self.first, column, side="right") - 1
         size, own = self.first[-1], np.diff(self.first)
         key = np.repeat(np.arange(len(own)), np.diff(self.rest_first)) * size + self.rest
@@ -255,18 +104,18 @@ def _present(number: IntArray) -> IntArray:
 
 
 def _rests(graph: Graph, groups: list[IntArray]) -> tuple[list[IntArray], IntArray]:
-    """Return the rest of each group, as places in the order of elimination, and its parent; -1 for none."""
+    """Return the rest of each group, as indices in the order of elimination, and its parent, -1 for none."""
     order, ends = np.concatenate(groups), np.cumsum([len(group) for group in groups])
     ordered = graph[order][:, order]
     places, begins = ordered.indices.astype(np.int64), ordered.indptr[[0, *ends]]
-    handed: list[list[IntArray]] = [[] for _ in groups]
+    passed: list[list[IntArray]] = [[] for _ in groups]
     rests, parent = [], np.full(len(groups), -1)
     for k in range(len(groups)):
-        tied = np.unique(np.concatenate([places[begins[k] : begins[k + 1]], *handed[k]]))
+        tied = np.unique(np.concatenate([places[begins[k] : begins[k + 1]], *passed[k]]))
         rest = tied[np.searchsorted(tied, ends[k]) :]
         if len(rest):
             parent[k] = np.searchsorted(ends, rest[0], side="right")
-            handed[parent[k]].append(rest)
+            passed[parent[k]].append(rest)
         rests.append(rest)
     return rests, parent
 
@@ -277,7 +126,7 @@ def _rows(rest: IntArray, first: int, own: int, parents_rest: IntArray) -> IntAr
 
 
 def column_places(columns: IntArray, count: int | IntArray) -> IntArray:
-    """Return where what is left of `count` components has the entries (0, column), were they stored."""
+    """Return the index of entries (0, column) in a stored Schur complement of `count` components."""
     group, within = columns // COLUMNS, columns % COLUMNS
     # the group begins with its row group * COLUMNS, after sum_h<g COLUMNS (count - COLUMNS h)
     begin = COLUMNS * (group * count - COLUMNS * (group * (group - 1) // 2))
@@ -285,11 +134,11 @@ def column_places(columns: IntArray, count: int | IntArray) -> IntArray:
 
 
 def _runs(place: IntArray, first: IntArray, own: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
-    """Return where the runs of each rest begin, and all runs.
+    """Return the start of each rest's runs, and all runs.
 
     Args:
         place: rows of all rests in their parents.
-        first: (fronts + 1,) where those of each rest begin.
+        first: (fronts + 1,), start of each rest.
         own: (fronts,) components that the parent of each owns.
         count: (fronts,) components of the parent's rest.
     """
@@ -307,13 +156,13 @@ def _runs(place: IntArray, first: IntArray, own: IntArray, count: IntArray) -> t
 
 
 def length_left(count: int) -> int:
-    """Return the length of what is left of so many components."""
+    """Return the stored length of a Schur complement of `count` components."""
     groups = -(-count // COLUMNS)
     return COLUMNS * (groups * count - COLUMNS * (groups * (groups - 1) // 2))
 
 
 def _stacked(count: IntArray, parent: IntArray) -> tuple[IntArray, int]:
-    """Return where what is left of each front waits for its parent, and the room that all of them need."""
+    """Return the stack index of each front's Schur complement, and the size of the stack."""
     at, length = np.zeros(len(count), dtype=np.int64), 0
     waiting: list[tuple[int, int, int]] = []
     for k, own in enumerate(count):
@@ -329,7 +178,7 @@ def _stacked(count: IntArray, parent: IntArray) -> tuple[IntArray, int]:
     return at, length
 
 
-# Places are unsigned, as in `envelope_kernels`.
+# Indices are unsigned, as in `envelope_kernels`.
 _0, _1, _2, _3, _4, _WIDE = (np.uint64(n) for n in (0, 1, 2, 3, 4, COLUMNS))
 
 
@@ -337,10 +186,10 @@ class FrontLists(NamedTuple):
     """The fronts of a matrix, see `FrontTree`.
 
     Args:
-        fronts: (k + 1, 7), where what belongs to each begins.
+        fronts: (k + 1, 7), starts of each front in the lists below, in the store and in the stack.
         children: of each front.
-        runs: columns in one stretch, that a child leaves to its parent.
-        rows: where the rest of each front is in its parent.
+        runs: neighbouring columns of Schur complements.
+        rows: rows of each front's rest in its parent.
     """
 
     fronts: PlaceTable
@@ -350,12 +199,12 @@ class FrontLists(NamedTuple):
 
 
 class FrontRoom(NamedTuple):
-    """Room for a factorisation.
+    """Workspace of a factorisation.
 
     Args:
-        work: a front's own columns.
+        work: a front's columns.
         spare: the same, and twice its components.
-        stack: what fronts leave to their parents.
+        stack: Schur complements that wait for their parents.
         store: the factor, filled.
     """
 
@@ -367,7 +216,7 @@ class FrontRoom(NamedTuple):
 
 @device_function
 def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) -> bool:
-    """Turn A_pp (p, p) into L and write L^-1 to inverse; False where A_pp is not positive definite."""
+    """Turn A_pp (p, p) into L and write L^-1 to inverse; return False if A_pp is not positive definite."""
     for i in range(p):
         at = i * p
         for j in range(i):
@@ -396,8 +245,10 @@ def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) ->
 
 
 @device_function
-def _take(lists: FrontLists, k: Any, owned: Any, stack: Vector, to: Vector, grid: tuple[Any, Any]) -> None:
-    """Add what the children of front k leave: to the columns it owns, or to its rest.
+def _add_children(
+    lists: FrontLists, k: Any, owned: Any, stack: Vector, to: Vector, grid: tuple[Any, Any]
+) -> None:
+    """Add the Schur complements of the children of front k, to its columns or to its rest.
 
     grid: width of the rows there, and rows before the first of them.
     """
@@ -418,7 +269,7 @@ def _take(lists: FrontLists, k: Any, owned: Any, stack: Vector, to: Vector, grid
 
 
 @allocating
-def _leave(below: Vector, q: Any, p: Any, factor: Vector, left: Vector) -> None:
+def _fill_complement(below: Vector, q: Any, p: Any, factor: Vector, left: Vector) -> None:
     """Write -W^T to the factor and -W W^T to left, both by groups of rows of W (q, p)."""
     at, to, room = _0, _0, p * _WIDE
     for first in range(_0, q, _WIDE):
@@ -450,7 +301,7 @@ def factorise(
             work[place[e]] = values[source[e]]
         for i in range(p):
             work[i * (p + _1)] += shift
-        _take(lists, k, _1, stack, work, (p, _0))
+        _add_children(lists, k, _1, stack, work, (p, _0))
         if not _invert(work, p, store[at : at + square], spare[:p], spare[p : p + p]):
             return False
         if q == _0:
@@ -463,8 +314,8 @@ def factorise(
         below = spare[square : p * (p + q)]
         np.dot(work[square : p * (p + q)].reshape(shape), turned, below.reshape(shape))
         left = stack[fronts[k, LEFT] :]
-        _leave(below, q, p, store[at + square :], left)
-        _take(lists, k, _0, stack, left, (_WIDE, p))
+        _fill_complement(below, q, p, store[at + square :], left)
+        _add_children(lists, k, _0, stack, left, (_WIDE, p))
     return True
 
 
@@ -511,7 +362,7 @@ def _add_transposed(store: Vector, at: Any, count: Any, p: Any, x: Vector, y: Ve
 def substitute(
     store: Vector, fronts: PlaceTable, rest: Places, here: Vector, there: Vector, x: Vector
 ) -> None:
-    """Solve for x (size,) in place; `here` and `there` are room for a front's components and its rest."""
+    """Solve for x (size,) in place; `here` and `there` are workspace for a front's components and rest."""
     count = np.uint64(fronts.shape[0]) - _1
     for k in range(count):
         first, start, begin = fronts[k, FIRST], fronts[k, START], fronts[k, REST]

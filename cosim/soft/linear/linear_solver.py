@@ -1,8 +1,8 @@
-"""Direct solvers for the tangent stiffness of the free components, behind one small interface.
+"""Direct solvers for the tangent stiffness of the free components, with one interface.
 
-The envelope and the fronts are two such solvers for symmetric matrices, of which one is chosen by size
-(`cholesky.cholesky`); general LU is used where neither works. Dense terms of low rank,
-A = S + W^T M W, go beside the sparse factor of S and never enter it. With G = W S^-1 W^T and
+Envelope and fronts are two solvers for symmetric matrices, chosen by size (`cholesky.cholesky`); general LU
+is for unsymmetric ones. Dense terms of low rank, A = S + W^T M W, are added by a correction of solutions and
+never enter the sparse factor of S. With G = W S^-1 W^T and
 N = (1 + M G)^-1 M the solution of A x = b is
 
     x = S^-1 (b - W^T N W S^-1 b)   (Sherman, Morrison and Woodbury).
@@ -29,7 +29,7 @@ from cosim.errors import InputError, SolverError
 from cosim.soft.linear.pattern import BlockPattern
 
 NODE, STORED, TILED, SOLVED = range(4)
-"""What columns of the table of `EnvelopeArrays` are."""
+"""Columns of the table of an `EnvelopeCholesky`."""
 
 
 @final
@@ -47,9 +47,9 @@ class LowRank:
 
     @classmethod
     def acting(cls, vectors: Array, coefficients: Array) -> LowRank | None:
-        """Return those of some terms that are not zero, as copies; None where all are."""
-        there = np.flatnonzero(coefficients)
-        return cls(vectors[there], coefficients[there]) if len(there) else None
+        """Return the terms that are not zero, as copies; None if all are zero."""
+        nonzero = np.flatnonzero(coefficients)
+        return cls(vectors[nonzero], coefficients[nonzero]) if len(nonzero) else None
 
     def matrix(self) -> Array:
         """Return the sum as a dense matrix (3 n, 3 n)."""
@@ -60,13 +60,13 @@ class LowRank:
 @final
 @dataclass(frozen=True)
 class Tangent:
-    """The tangent of a body: sparse symmetric blocks, and what goes beside them.
+    """The tangent of a body: sparse symmetric blocks, dense terms, and unsymmetric terms of open caps.
 
     Args:
-        pattern: of the blocks: the body's own, or a wider one where films press on one another.
+        pattern: of the blocks: that of the body, or a wider one with self-contact.
         blocks: (pattern.blocks, 3, 3) [N/m].
         low_rank: of sealed gas and commanded lengths; None for none.
-        caps: what missing caps add, which is not symmetric: nodes (k,) of each ring, and (3 k, 3 k) [N/m].
+        caps: unsymmetric terms of open caps: nodes (k,) of each ring, and (3 k, 3 k) [N/m].
     """
 
     pattern: BlockPattern
@@ -90,11 +90,11 @@ class Correction:
 
     @classmethod
     def of(cls, terms: LowRank, product: Callable[[Array], Array]) -> Correction | None:
-        """Return the correction by symmetric terms; None where A is not positive definite, if S is.
+        """Return the correction by symmetric terms to a positive definite S; None if A is not.
 
         Args:
             terms: to add to S; not all zero.
-            product: returns W S^-1 W^T (k, k) of W (k, 3 n).
+            product: W (k, 3 n) -> W S^-1 W^T (k, k).
         """
         coefficients, vectors, inner = _bordered(terms, product)
         negative = (coefficients < 0.0).sum()
@@ -106,28 +106,28 @@ class Correction:
     def unsymmetric(
         cls, vectors: Array, middle: Array, product: Callable[[Array], Array]
     ) -> Correction | None:
-        """Return the correction by W (k, 3 n) and M (k, k); None where A is singular."""
+        """Return the correction by W (k, 3 n) and M (k, k); None if A is singular."""
         try:
-            found = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)
+            inner = np.linalg.solve(np.eye(len(middle)) + middle @ product(vectors), middle)
         except np.linalg.LinAlgError:
             return None
-        return cls(vectors, np.asarray(found, np.float64)) if np.isfinite(found).all() else None
+        return cls(vectors, np.asarray(inner, np.float64)) if np.isfinite(inner).all() else None
 
     def load(self, solution: Array) -> Array:
         """Return W^T N W y (n, 3) of y = S^-1 b (n, 3)."""
-        share = self.inner @ (self.vectors @ solution.ravel())
-        return np.asarray((share @ self.vectors).reshape(solution.shape))
+        coefficients = self.inner @ (self.vectors @ solution.ravel())
+        return np.asarray((coefficients @ self.vectors).reshape(solution.shape))
 
 
 def negative_added(terms: LowRank, solve: Callable[[Array], Array]) -> int:
-    """Return how many negative eigenvalues A has more than S, which need not be definite; mostly below 0.
+    """Return the number of negative eigenvalues of A minus that of S, which may be indefinite.
 
     The bordered matrix [[S, W], [W^T, -diag(s)]] has the Schur complements A (of the border) and -H (of S),
     so that n_-(A) + n_+(c) = n_-(S) + n_+(H). Source: Haynsworth, Linear Algebra Appl. 1 (1968) 73.
 
     Args:
         terms: to add to S.
-        solve: returns S^-1 applied to each of (k, n, 3) loads; S is regular.
+        solve: loads (k, n, 3) -> S^-1 applied to each; S is regular.
     """
     if not terms.coefficients.any():
         return 0
@@ -150,17 +150,17 @@ def _bordered(terms: LowRank, product: Callable[[Array], Array]) -> tuple[Array,
 
 
 def by_component(mask: Mask) -> Mask:
-    """Return a mask of nodes (n,) as one of components (n, 3); one of components as it is."""
+    """Return a mask of nodes (n,) as one of components (n, 3); one of components unchanged."""
     return np.repeat(mask[:, None], 3, axis=1) if mask.ndim == 1 else mask
 
 
 @final
 @dataclass(frozen=True)
 class FactorState:
-    """A factorisation, for `LinearSolver.state`; its arrays are not written to again.
+    """A factorisation, for `LinearSolver.state`; its arrays are read-only from then on.
 
     Args:
-        parts: of the sparse factor, as the kind of solver has them.
+        parts: arrays of the sparse factor, specific to the solver.
         correction: by the dense terms; None without any.
     """
 
@@ -172,8 +172,8 @@ class LinearSolver(ABC):
     """Factorises A = K + shift 1 + sum_k c_k v_k v_k^T of the free components and solves with it.
 
     The dense terms never enter the sparse factor of K + shift 1; see `Correction`. `groups` are the free
-    nodes in the order of a nested dissection; None until such an order is asked for. `extra` are parts that
-    are not symmetric, beside the blocks; solvers of symmetric matrices leave them out.
+    nodes in the order of a nested dissection; None until it is computed. `extra` are unsymmetric terms;
+    solvers of symmetric matrices ignore them.
 
     Args:
         pattern: of the whole body.
@@ -190,7 +190,7 @@ class LinearSolver(ABC):
         self._correction: Correction | None = None
 
     def factor(self, blocks: Array, shift: float = 0.0, low_rank: LowRank | None = None) -> bool:
-        """Factorise; False when the matrix is not positive definite (where the method can tell).
+        """Factorise; return False if the matrix is not positive definite (symmetric solvers) or singular.
 
         Args:
             blocks: (pattern.blocks, 3, 3) [N/m].
@@ -207,17 +207,17 @@ class LinearSolver(ABC):
 
     @property
     def multiplications(self) -> float:
-        """About how many a factorisation takes."""
+        """Approximate number of multiplications of a factorisation."""
         return float(self.pattern.blocks)
 
     @property
     def correction(self) -> Correction | None:
-        """By the dense terms; None without any."""
+        """Correction by the dense terms; None without any."""
         return self._correction
 
     @property
     def apart(self) -> IntArray:
-        """Where the nodes of each part begin that can be factorised by itself, and their number (k + 1,)."""
+        """First node of each uncoupled part, and the number of nodes (k + 1,)."""
         return np.array([0, self.pattern.nodes])
 
     def solve(self, load: Array, turn: Array | None = None) -> Array:
@@ -225,26 +225,26 @@ class LinearSolver(ABC):
 
         Args:
             load: on all nodes.
-            turn: (3, 3), rotation of the body since it was factorised, its matrix with it; None for none.
+            turn: (3, 3), rotation of the body, and its matrix, since the factorisation; None for none.
         """
         if self._correction is None:
             return self._solve_turned(load, turn)
-        own = load if turn is None else load @ turn
-        solution = np.asarray(self.solve_all(own[None])[0])
+        turned = load if turn is None else load @ turn
+        solution = np.asarray(self.solve_all(turned[None])[0])
         return solution if turn is None else solution @ turn.T
 
     def solve_all(self, loads: Array) -> Array:
         """Return the displacements (k, n, 3) [m] under k loads (k, n, 3) [N]; zero where clamped."""
         solutions = np.ascontiguousarray(self._solve_sparse(loads))
         if self._correction is not None:
-            answered = np.array([self._correction.load(solution) for solution in solutions])
-            solutions = np.ascontiguousarray(self._solve_sparse(loads - answered))
+            corrections = np.array([self._correction.load(solution) for solution in solutions])
+            solutions = np.ascontiguousarray(self._solve_sparse(loads - corrections))
         return solutions
 
     @property
     def state(self) -> FactorState:
-        """The factorisation; one of a solver with the same pattern and free components can be set."""
-        return FactorState(self._lend_factor(), self._correction)
+        """The factorisation; that of a solver with the same pattern and free components can be set."""
+        return FactorState(self._export_factor(), self._correction)
 
     @state.setter
     def state(self, state: FactorState) -> None:
@@ -252,7 +252,7 @@ class LinearSolver(ABC):
         if correction is not None and correction.vectors.shape[1] != 3 * self.pattern.nodes:
             raise InputError("the saved correction of a factorisation is of another body")
         self._correction = correction
-        self._take_factor(state.parts)
+        self._import_factor(state.parts)
 
     def _product(self, vectors: Array) -> Array:
         """Return W S^-1 W^T (k, k) of W (k, 3 n), S the sparse part."""
@@ -260,22 +260,22 @@ class LinearSolver(ABC):
         return np.asarray(vectors @ self._solve_sparse(loads).reshape(len(vectors), -1).T)
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
-        """Return what `solve` does without dense terms."""
+        """Return the solution without dense terms, see `solve`."""
         if turn is None:
             return np.asarray(self._solve_sparse(load[None])[0])
         return np.asarray(self._solve_sparse((load @ turn)[None])[0] @ turn.T)
 
     @abstractmethod
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
-        """Return the arrays of the sparse factor; they are not written to from now on."""
+    def _export_factor(self) -> tuple[NDArray[Any], ...]:
+        """Return the arrays of the sparse factor; they are read-only from now on."""
 
     @abstractmethod
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
-        """Take the sparse factor from arrays of `_lend_factor`, which are not written to."""
+    def _import_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+        """Set the sparse factor to read-only arrays of `_export_factor`."""
 
     @abstractmethod
     def _factorise(self, blocks: Array, shift: float) -> bool:
-        """Factorise the sparse part; False when it is not positive definite (where the method can tell)."""
+        """Factorise the sparse part; return False if it is not positive definite, or singular."""
 
     @abstractmethod
     def _solve_sparse(self, loads: Array) -> Array:
@@ -283,7 +283,7 @@ class LinearSolver(ABC):
 
 
 def numbering(free: Mask, order: IntArray) -> IntArray:
-    """Return the equation (n, 3) of each component, -1 where clamped, with the nodes taken in `order`."""
+    """Return the equation (n, 3) of each component, -1 if clamped, for nodes in `order`."""
     number = np.full(free.shape, -1, dtype=np.int64)
     nodes, components = np.nonzero(free[order])
     number[order[nodes], components] = np.arange(len(nodes))
@@ -291,7 +291,7 @@ def numbering(free: Mask, order: IntArray) -> IntArray:
 
 
 def equations(number: IntArray) -> IntArray:
-    """Return the component 3 node + axis (size,) that each equation represents."""
+    """Return the component 3 node + axis (size,) of each equation."""
     components = np.flatnonzero(number.ravel() >= 0)
     return np.asarray(components[np.argsort(number.ravel()[components])])
 
@@ -306,11 +306,11 @@ def lower_entries(pattern: BlockPattern, number: IntArray) -> tuple[IntArray, In
     r, c = (axis.ravel() for axis in np.meshgrid(np.arange(3), np.arange(3), indexing="ij"))
     row = number[pattern.row][:, r]
     column = number[pattern.column][:, c]
-    # diagonal blocks hold both triangles of a symmetric block: keep the lower one only
+    # diagonal blocks hold both triangles of a symmetric block: only the lower one is used
     twice = (pattern.row == pattern.column)[:, None] & (r < c)
-    kept = (row >= 0) & (column >= 0) & ~twice
-    index = np.flatnonzero(kept)
-    row, column = row[kept], column[kept]
+    used = (row >= 0) & (column >= 0) & ~twice
+    index = np.flatnonzero(used)
+    row, column = row[used], column[used]
     return np.maximum(row, column), np.minimum(row, column), index
 
 
@@ -319,27 +319,27 @@ _GROWTH = 6.0
 
 @final
 class ShiftSearch:
-    """Searches the least shift mu_k = mu_0 6^k that makes a matrix positive definite.
+    """Searches the smallest shift mu_k = mu_0 6^k that makes a matrix positive definite.
 
-    A matrix that is definite with a shift is so with any larger one. Hence a search may begin anywhere and
-    find the same: next to where the last one ended it takes two or three factorisations, instead of one for
-    each shift below.
+    A matrix that is definite with a shift is so with any larger one, so the result does not depend on where
+    the search starts. Starting next to the last result takes two or three factorisations, instead of one for
+    each smaller shift.
     """
 
     def __init__(self) -> None:
         self._power = 0
 
     def factor(self, definite: Callable[[float], bool], start: float, most: float) -> int:
-        """Factorise with no shift or the first that works; return the attempts, negative if none did.
+        """Factorise with the smallest shift that works, or none; return the attempts, negative if none works.
 
         Args:
-            definite: factorises with a shift; whether the matrix is positive definite. Its last call counts.
+            definite: shift -> whether the matrix is positive definite; its last call leaves the factor.
             start: mu_0, larger than 0.
             most: largest shift.
         """
         attempts = 0
 
-        def serves(power: int) -> bool:
+        def works(power: int) -> bool:
             nonlocal attempts
             attempts += 1
             return definite(start * _GROWTH**power)
@@ -347,13 +347,13 @@ class ShiftSearch:
         if definite(0.0):
             return 1
         power = max(0, self._power - 1)
-        if serves(power):
-            while power > 0 and serves(power - 1):
+        if works(power):
+            while power > 0 and works(power - 1):
                 power -= 1
             if power > 0:  # the last attempt failed
-                serves(power)
+                works(power)
         else:
-            while not serves(power := power + 1):
+            while not works(power := power + 1):
                 if start * _GROWTH ** (power + 1) > most:
                     return -1 - attempts
         self._power = power
@@ -368,9 +368,9 @@ _NEARLY_SYMMETRIC: Final[dict[str, Any]] = {
 
 @final
 class GeneralLU(LinearSolver):
-    """SuperLU for tangents that are not symmetric; refuses a singular matrix, not an indefinite one.
+    """SuperLU for unsymmetric tangents; fails for singular matrices, not for indefinite ones.
 
-    `extra` holds (nodes, (3 k, 3 k) matrix) parts added to the symmetric blocks before factorising.
+    `extra` holds (nodes, (3 k, 3 k) matrix) terms, added to the symmetric blocks before factorising.
     """
 
     def __init__(self, pattern: BlockPattern, free: Mask) -> None:
@@ -403,16 +403,16 @@ class GeneralLU(LinearSolver):
         self._factorised = self.matrix(blocks, shift)
         try:
             self._factor = scipy.sparse.linalg.splu(self._factorised, **_NEARLY_SYMMETRIC)
-        except RuntimeError:  # SuperLU's word for a pivot that is exactly zero
+        except RuntimeError:  # raised by SuperLU for a pivot of exactly zero
             return False
         return True
 
-    def _lend_factor(self) -> tuple[NDArray[Any], ...]:
+    def _export_factor(self) -> tuple[NDArray[Any], ...]:
         return self._factorised.data, self._factorised.indices, self._factorised.indptr
 
-    def _take_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
+    def _import_factor(self, parts: tuple[NDArray[Any], ...]) -> None:
         if self._factorised.data is not parts[0]:
-            # SuperLU gives no factor out, but makes the same one of the same matrix
+            # SuperLU does not export its factor, but the same matrix gives the same one
             try:
                 matrix = scipy.sparse.csc_matrix(parts, shape=(self.size,) * 2)
                 matrix.check_format(full_check=True)
@@ -429,10 +429,10 @@ class GeneralLU(LinearSolver):
 
 
 def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: LowRank | None) -> int:
-    """Return how many negative eigenvalues a symmetric matrix of the free components has.
+    """Return the number of negative eigenvalues of a symmetric matrix of the free components.
 
-    LU with a symmetric ordering and pivots from the diagonal gives L D L^T; the signs of D count (Sylvester's
-    law of inertia), and dense terms by `negative_added`.
+    LU with a symmetric ordering and pivots from the diagonal gives L D L^T; the signs of D give the number
+    (Sylvester's law of inertia); dense terms are added by `negative_added`.
 
     Args:
         pattern: of the whole body.

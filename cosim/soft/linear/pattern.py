@@ -1,9 +1,4 @@
-"""The fixed sparsity pattern of the tangent stiffness, as 3 x 3 blocks of node pairs.
-
-Ranges of nodes that no block of a pattern couples: bodies side by side, such as a gripper's fingers.
-
-Sums of 3 x 3 blocks, of which the upper half is kept.
-"""
+"""Sparsity pattern of the tangent stiffness, as 3 x 3 blocks of node pairs, and its widening by contact."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +13,14 @@ from cosim.base.kernels import device_function, kernel
 from cosim.base.state_checks import check_indices
 from cosim.errors import InputError
 
-SPARE: Final = 1.1  # blocks of a wider pattern that is kept, over those that are needed
+SPARE: Final = 1.1  # blocks of a wider pattern over those needed, up to which it is reused
 
 
 class PatternRows(NamedTuple):
     """A pattern row by row.
 
     Args:
-        first: (nodes + 1,), where the blocks of each row begin.
+        first: (nodes + 1,), start of each row's blocks.
         column: (blocks,), ascending in each row.
     """
 
@@ -35,7 +30,7 @@ class PatternRows(NamedTuple):
 
 @device_function
 def find_block(rows: PatternRows, one: int, two: int) -> int:
-    """Return the block that couples two nodes, as many as there are for none."""
+    """Return the index of the block that couples two nodes; the number of blocks if there is none."""
     row, wanted = max(one, two), min(one, two)
     low, high, end = rows.first[row], rows.first[row + 1], rows.first[row + 1]
     while low < high:
@@ -49,7 +44,7 @@ def find_block(rows: PatternRows, one: int, two: int) -> int:
 
 @kernel
 def _find_slots(rows: PatternRows, elements: IndexTable, slots: IndexTable) -> int:
-    """Fill where each element's node pairs are stored; return how many are not."""
+    """Fill the slots of each element's node pairs; return the number of missing ones."""
     missing = 0
     for e in range(elements.shape[0]):
         pair = 0
@@ -93,7 +88,7 @@ class BlockPattern:
                 for b in range(a):
                     high = np.maximum(element[:, a], element[:, b])
                     keys.append(high * nodes + np.minimum(element[:, a], element[:, b]))
-        key = np.sort(np.concatenate(keys), kind="stable")  # mostly in order as it is
+        key = np.sort(np.concatenate(keys), kind="stable")  # nearly sorted
         key = key[np.append(True, np.diff(key) > 0)]
         return cls(nodes, key // nodes, key % nodes)
 
@@ -103,7 +98,7 @@ class BlockPattern:
         return len(self.row)
 
     def slots(self, elements: IntArray) -> IntArray:
-        """Return where each element's node pairs are stored.
+        """Return the slots of each element's node pairs.
 
         Pair (a, b), a >= b, of an element is column a (a + 1) / 2 + b. The value s >= 0 means block s;
         s < 0 means block -1 - s, to be added transposed because node a precedes node b.
@@ -114,7 +109,7 @@ class BlockPattern:
         return self.find(elements)[0]
 
     def find(self, elements: IntArray) -> tuple[IntArray, int]:
-        """Return what `slots` does, and how many pairs are stored nowhere: their slots mean nothing."""
+        """Return the slots as `slots` does, and the number of missing pairs, whose slots are not valid."""
         count, k = elements.shape
         result = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
         elements = np.ascontiguousarray(elements, dtype=np.int64)
@@ -122,9 +117,9 @@ class BlockPattern:
 
     @cached_property
     def rows(self) -> PatternRows:
-        """The same row by row, for kernels."""
+        """The pattern row by row, for kernels."""
         first = np.searchsorted(self.row, np.arange(self.nodes + 1))
-        # a copy where it is of a saved state
+        # copied if it is read-only, as in a saved state
         return PatternRows(first, np.require(self.column, requirements="W"))
 
     @cached_property
@@ -133,10 +128,10 @@ class BlockPattern:
 
 
 def check_widened(own: BlockPattern, wide: BlockPattern) -> None:
-    """Check that a saved pattern is one of a body, or wider.
+    """Check that a saved pattern contains that of a body.
 
     Raises:
-        InputError: it lacks some of the body's own blocks, is not in order, or is of other nodes.
+        InputError: it lacks some of the body's blocks, is not in order, or is of other nodes.
     """
     check_indices(wide.row, own.nodes, "nodes")
     check_indices(wide.column, own.nodes, "nodes")
@@ -150,11 +145,11 @@ def check_widened(own: BlockPattern, wide: BlockPattern) -> None:
 @final
 @dataclass(frozen=True)
 class CoupledPattern:
-    """A body's pattern, widened.
+    """A body's pattern, widened by contacts.
 
     Args:
-        pattern: holds all pairs of the body's own and those of the contacts.
-        from_body: (blocks of the body's own,) where they are in it.
+        pattern: with all pairs of the body and of the contacts.
+        from_body: (blocks of the body's pattern,), their indices in `pattern`.
     """
 
     pattern: BlockPattern
@@ -162,27 +157,27 @@ class CoupledPattern:
 
     @classmethod
     def of(cls, body: BlockPattern, elements: IntArray) -> "CoupledPattern":
-        """Return that of a body's own pattern and further elements (k, nodes per element)."""
+        """Return the pattern of a body with further elements (k, nodes per element)."""
         own = np.column_stack([body.row, body.column])
         return cls.around(body, BlockPattern.from_elements(body.nodes, [own, elements]))
 
     @classmethod
     def around(cls, body: BlockPattern, wide: BlockPattern) -> "CoupledPattern":
-        """Return a pattern that holds all pairs of a body's own."""
+        """Return a wider pattern that contains a body's."""
         return cls(wide, np.searchsorted(wide._key, body._key))
 
     def wasteful(self, slots: IntArray) -> bool:
-        """Return whether many of its blocks belong neither to the body nor to the elements of given slots."""
+        """Return whether many blocks belong neither to the body nor to elements with these slots."""
         used = np.zeros(self.pattern.blocks, dtype=bool)
         used[self.from_body] = used[np.where(slots < 0, -1 - slots, slots)] = True
         return self.pattern.blocks > SPARE * int(np.count_nonzero(used))
 
     @cached_property
     def of_body(self) -> IntArray:
-        """Which of the body's own blocks each is (pattern.blocks,), -1 for none."""
-        found = np.full(self.pattern.blocks, -1)
-        found[self.from_body] = np.arange(len(self.from_body))
-        return found
+        """Index (pattern.blocks,) of each block in the body's pattern, -1 if it is not in it."""
+        index = np.full(self.pattern.blocks, -1)
+        index[self.from_body] = np.arange(len(self.from_body))
+        return index
 
     def blocks(self, body_blocks: Array) -> Array:
         """Return the body's blocks in the wider pattern, zero elsewhere: (pattern.blocks, 3, 3)."""
@@ -193,28 +188,28 @@ class CoupledPattern:
 
 @final
 class PatternWidening:
-    """Widens a body's own pattern by elements; a pattern that still fits is kept.
+    """Widens a body's pattern by elements; a pattern that still fits is reused.
 
     Args:
-        body: its own pattern.
+        body: pattern of the body.
     """
 
     def __init__(self, body: BlockPattern) -> None:
         self._body = body
         self._last = CoupledPattern.around(body, body)
 
-    def around(self, elements: IntArray, serving: BlockPattern) -> CoupledPattern:
+    def around(self, elements: IntArray, last: BlockPattern) -> CoupledPattern:
         """Return a wider pattern for elements (k, nodes per element).
 
         Args:
-            elements: that touch.
-            serving: the pattern for which tangents were factorised last: kept where it holds all pairs,
-                otherwise widened, unless most of what is wide about it is not needed any more.
+            elements: in contact.
+            last: pattern of the last factorised tangent: reused if it contains all pairs, otherwise widened,
+                unless most of its extra blocks are not needed any more.
         """
-        coupled = self.known(serving)
-        slots, missing = serving.find(elements)
+        coupled = self.known(last)
+        slots, missing = last.find(elements)
         if missing or coupled.wasteful(slots):
-            coupled = CoupledPattern.around(self._body, CoupledPattern.of(serving, elements).pattern)
+            coupled = CoupledPattern.around(self._body, CoupledPattern.of(last, elements).pattern)
             slots = coupled.pattern.slots(elements)
             if coupled.wasteful(slots):
                 coupled = CoupledPattern.of(self._body, elements)
@@ -222,18 +217,18 @@ class PatternWidening:
         self._last = coupled
         return coupled
 
-    def known(self, serving: BlockPattern) -> CoupledPattern:
-        """Return a pattern that works as one around the body's own."""
-        if self._last.pattern is not serving:
-            self._last = CoupledPattern.around(self._body, serving)
+    def known(self, last: BlockPattern) -> CoupledPattern:
+        """Return a wider pattern as a `CoupledPattern`; the last one is cached."""
+        if self._last.pattern is not last:
+            self._last = CoupledPattern.around(self._body, last)
         return self._last
 
 
-def ranges_apart(pattern: BlockPattern) -> IntArray:
-    """Return where ranges of nodes begin that nothing couples, and the number of nodes (k + 1,).
+def uncoupled_ranges(pattern: BlockPattern) -> IntArray:
+    """Return the first nodes of ranges that no block couples, and the number of nodes (k + 1,).
 
-    Nodes that are coupled with none belong to a neighbouring range; bodies whose nodes are numbered in turn
-    count as one.
+    Such ranges are bodies side by side, as a gripper's fingers. Nodes without coupling belong to a
+    neighbouring range; bodies with alternating node numbers count as one.
     """
     spans = np.zeros(pattern.nodes + 1, np.int64)
     np.add.at(spans, pattern.column + 1, 1)
@@ -244,7 +239,7 @@ def ranges_apart(pattern: BlockPattern) -> IntArray:
 
 
 def part_of(pattern: BlockPattern, begin: int, end: int) -> tuple[BlockPattern, int]:
-    """Return the pattern of a range of nodes, numbered from 0, and where its blocks begin in the whole."""
+    """Return the pattern of a range of nodes, numbered from 0, and the index of its first block."""
     first, last = np.searchsorted(pattern.row, [begin, end])
     row, column = pattern.row[first:last] - begin, pattern.column[first:last] - begin
     return BlockPattern(end - begin, row, column), int(first)

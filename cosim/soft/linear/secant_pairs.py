@@ -1,10 +1,10 @@
-"""What iterations with a kept factorisation have shown of the tangent: limited-memory BFGS upon that factor.
+"""Secant pairs of steps with a reused factorisation: limited-memory BFGS on top of that factor.
 
-A step s and the change y of the gradient along it correct the kept inverse H by (rho = 1 / (s . y))
+A step s and the change y of the gradient along it correct the inverse H by (rho = 1 / (s . y))
     H <- (1 - rho s y^T) H (1 - rho y s^T) + rho s s^T,
-pair after pair; the product with a load takes a solution with the factor and four sums a pair. Pairs whose
-s . y is not positive are left out, so that H stays positive definite.
-Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4; upon a factor of finite
+pair after pair; the product with a load takes one solution with the factor and four sums per pair. Pairs
+whose s . y is not positive are left out, so that H stays positive definite.
+Source: Nocedal and Wright, Numerical Optimization, 2nd ed., algorithm 7.4; on top of a factor of finite
 elements: Matthies and Strang, Int. J. Numer. Meth. Eng. 14 (1979) 1613.
 """
 
@@ -17,42 +17,42 @@ from cosim.base.kernels import kernel
 
 _MOST: Final = 8
 FAR: Final = 10.0
-"""Growth of the residual above which a step shows nothing of the tangent where it began."""
-_LEAST_COSINE: Final = 1e-6  # between step and change of the gradient; rounding alone may make less
+"""Growth of the residual above which a step's secant is useless for the tangent at its start."""
+_LEAST_COSINE: Final = 1e-6  # between step and change of the gradient; below it may be rounding only
 
 
 class SecantPairs(NamedTuple):
-    """The newest of some pairs; that of number k is in row k modulo their number.
+    """The m newest pairs; pair k is in row k modulo m.
 
     Args:
         step: (m, 3 n) [m].
         change: (m, 3 n) [N], of the gradient along it.
         scale: (m,) [1/J], rho.
-        share: (m,), scratch.
+        factor: (m,), scratch.
     """
 
     step: Matrix
     change: Matrix
     scale: Vector
-    share: Vector
+    factor: Vector
 
     @classmethod
-    def room(cls, nodes: int) -> "SecantPairs":
-        """Return room for the pairs of a body with so many nodes."""
+    def empty(cls, nodes: int) -> "SecantPairs":
+        """Return allocated arrays for the pairs of a body with so many nodes."""
         return cls(
             np.empty((_MOST, 3 * nodes)), np.empty((_MOST, 3 * nodes)), np.empty(_MOST), np.empty(_MOST)
         )
 
 
 @kernel(reorder_sums=True)
-def bend_load(pairs: SecantPairs, count: int, gradient: Matrix, load: Matrix) -> None:
-    """Fill the load (n, 3) [N] under which the kept factor is to be solved, of `count` pairs so far.
+def secant_load(pairs: SecantPairs, count: int, gradient: Matrix, load: Matrix) -> None:
+    """Fill the load (n, 3) [N] for the solution with the factor: first loop of the two-loop recursion.
 
     Args:
         pairs: of steps.
-        count: how many there have been.
+        count: number of pairs so far.
         gradient: (n, 3) [N].
-        load: filled: minus the gradient, less what the pairs answer.
+        load: filled: minus the gradient, less its part along the pairs.
     """
     room, force, slope = pairs.scale.shape[0], load.reshape(load.size), gradient.reshape(gradient.size)
     for i in range(force.shape[0]):
@@ -62,36 +62,36 @@ def bend_load(pairs: SecantPairs, count: int, gradient: Matrix, load: Matrix) ->
         step, change = pairs.step[m], pairs.change[m]
         for i in range(force.shape[0]):
             work += step[i] * force[i]
-        share = pairs.share[m] = pairs.scale[m] * work
+        factor = pairs.factor[m] = pairs.scale[m] * work
         for i in range(force.shape[0]):
-            force[i] -= share * change[i]
+            force[i] -= factor * change[i]
 
 
 @kernel(reorder_sums=True)
-def mend_step(pairs: SecantPairs, count: int, solution: Matrix) -> None:
-    """Bring a solution (n, 3) [m] under such a load to the step that the corrected inverse gives."""
+def secant_step(pairs: SecantPairs, count: int, solution: Matrix) -> None:
+    """Correct a solution (n, 3) [m] under such a load to the step: second loop of the recursion."""
     room, result = pairs.scale.shape[0], solution.reshape(solution.size)
     for k in range(max(count - room, 0), count):
         m, work = k % room, 0.0
         step, change = pairs.step[m], pairs.change[m]
         for i in range(result.shape[0]):
             work += change[i] * result[i]
-        lacking = pairs.share[m] - pairs.scale[m] * work
+        lacking = pairs.factor[m] - pairs.scale[m] * work
         for i in range(result.shape[0]):
             result[i] += lacking * step[i]
 
 
 @kernel(reorder_sums=True)
-def keep_pair(
+def add_pair(
     pairs: SecantPairs, count: int, taken: Matrix, before: Matrix, gradient: Matrix, free: Masks
 ) -> int:
-    """Keep a step and the change of the gradient along it; return how many pairs there are then.
+    """Store a step and the change of the gradient along it; return the new number of pairs.
 
     Args:
         pairs: of steps.
-        count: how many there have been.
+        count: number of pairs so far.
         taken: (n, 3) [m], the step.
-        before: (n, 3) [N], gradient at its beginning.
+        before: (n, 3) [N], gradient at its start.
         gradient: (n, 3) [N], at its end.
         free: (n, 3), components that count.
     """

@@ -1,4 +1,4 @@
-"""Sums over all nodes that an iteration needs: largest component, a share of a step, largest residual."""
+"""Vector operations of a Newton iteration: largest component, fraction of a step, work, largest residual."""
 
 import math
 from typing import Final
@@ -6,8 +6,8 @@ from typing import Final
 from cosim.base.kernel_types import Masks, Matrix
 from cosim.base.kernels import kernel
 
-RESULTANT_SHARE: Final = 1e-2
-"""Of the resultant force, or of the moment over the body's size, that counts as a residual."""
+RESULTANT_FRACTION: Final = 1e-2
+"""Fraction of the resultant force, or of the moment over the body's size, that counts as a residual."""
 
 
 @kernel
@@ -23,11 +23,11 @@ def longest(step: Matrix) -> float:
 
 
 @kernel
-def advance(here: Matrix, fraction: float, step: Matrix, x: Matrix) -> None:
-    """Fill x = here + fraction step, (n, 3) each."""
+def advance(start: Matrix, fraction: float, step: Matrix, x: Matrix) -> None:
+    """Fill x = start + fraction step, (n, 3) each."""
     for i in range(x.shape[0]):
         for r in range(3):
-            x[i, r] = here[i, r] + fraction * step[i, r]
+            x[i, r] = start[i, r] + fraction * step[i, r]
 
 
 @kernel
@@ -42,9 +42,9 @@ def work_along(force: Matrix, step: Matrix) -> float:
 
 @kernel
 def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
-    """Return the largest component of those counted, or the share of their resultant where that is larger.
+    """Return the largest counted component, or a fraction of the resultant if that is larger.
 
-    Many small forces of one sign add up to a wrench that is not there. NaN if a component is not a number.
+    Many small forces of one sign add up to a spurious wrench. NaN if a component is not a number.
     """
     largest, size = 0.0, 0.0
     fx = fy = fz = mx = my = mz = 0.0
@@ -63,4 +63,4 @@ def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
     force, moment = math.sqrt(fx * fx + fy * fy + fz * fz), math.sqrt(mx * mx + my * my + mz * mz)
     if size > 0.0:
         force = max(force, moment / math.sqrt(size))
-    return max(largest, RESULTANT_SHARE * force)
+    return max(largest, RESULTANT_FRACTION * force)

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.solve import newton_options, search_effort
 from cosim.soft.solve.branching import Branching, LowestMode
 from cosim.soft.solve.state import Equilibrium, SoftState
@@ -187,7 +187,7 @@ def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
     motion = after.state.positions - carried.positions
     most = int(np.argmax(np.linalg.norm(motion, axis=1)))
     mode = motion / np.abs(motion).max()
-    place = place_of_largest(follower.body, carried.positions, mode, np.ones(mode.shape, np.bool_))
+    place = describe_largest(follower.body, carried.positions, mode, np.ones(mode.shape, np.bool_))
     named = follower.describe_instability(replace(after, state=carried), LowestMode(0.0, mode, place))
     x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
     tips = [_tip(follower, end) for end in (after, before)]

@@ -10,7 +10,7 @@ from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.solve import branching, newton
 from cosim.soft.solve.branch_switching import switch_branch
@@ -121,7 +121,7 @@ class EquilibriumSolver:
             raise ConvergenceError(
                 f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
                 f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
-                f"at {place_of_largest(film.body, result.positions, film.gradient, self.solver.free)}",
+                f"at {describe_largest(film.body, result.positions, film.gradient, self.solver.free)}",
                 result.residual_N,
                 result.iterations,
             )

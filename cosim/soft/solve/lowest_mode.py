@@ -1,4 +1,4 @@
-"""The lowest eigenvalue and eigenvector of a body's tangent stiffness: its lowest_mode motion.
+"""The lowest eigenvalue and eigenvector of a body's tangent stiffness: its softest motion.
 
 At a stable equilibrium the tangent is positive definite. If it is not, the potential falls along the
 eigenvectors of its negative eigenvalues, on both sides: a branch of equilibria bifurcates or ends there.
@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.linear.linear_solver import ShiftSearch
@@ -69,7 +69,7 @@ def lowest_mode(
     values = (1.0 / found[order] - shift).tolist()
     shapes = vectors.T[order].reshape(len(order), -1, 3) / root
     mode = shapes[0] / shapes[0].ravel()[np.argmax(np.abs(shapes[0]))]
-    place = place_of_largest(solver.film.body, x, mode, solver.free)
+    place = describe_largest(solver.film.body, x, mode, solver.free)
     return LowestMode(values[0], mode, place, tuple(values), shapes)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from cosim.base.frames import Array
 from cosim.errors import SensitivityError
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.solve import newton
@@ -280,7 +280,7 @@ class EquilibriumDerivatives:
         size_m = parameter.step * float(np.abs(motion).max())
         if self._bend_m(bent) > _KINK * max(size_m, _SEEN_m):
             bent = np.where(self._solver.free, bent, 0.0)
-            place = place_of_largest(self._solver.film.body, self._x, bent, self._solver.free)
+            place = describe_largest(self._solver.film.body, self._x, bent, self._solver.free)
             raise SensitivityError(
                 f"no derivative by {parameter.name}: the forces at {place} change otherwise above than "
                 "below the present state, as where a cable gets taut, a contact begins, or a fold is near; "

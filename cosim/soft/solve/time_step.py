@@ -14,7 +14,7 @@ from cosim.base.frames import Array, Pose, Wrench
 from cosim.base.kernels import unchecked
 from cosim.errors import ConvergenceError, InputError
 from cosim.soft.body.loads import Loads
-from cosim.soft.body.places import place_of_largest
+from cosim.soft.body.places import describe_largest
 from cosim.soft.elements.cable import losses_follow
 from cosim.soft.film.inertia import Inertia
 from cosim.soft.film.strain_rates import StrainRates
@@ -67,7 +67,7 @@ class Stepper:
         self._scheme: StepScheme | None = None
         self._inertia: Inertia | None = None
         self._rubs = any(cable.friction_coefficient for cable in film.body.cables)
-        folds, place = film.body.hinges, film.body.memory_places[film.body.elements.index(film.body.hinges)]
+        folds, place = film.body.hinges, film.body.memory_slices[film.body.elements.index(film.body.hinges)]
         self._angles = slice(place.start, place.start + len(folds.coupled))
         self._folds = folds.arrays.nodes[: len(folds.coupled)]
 
@@ -145,7 +145,7 @@ class Stepper:
             if result.converged or self._acceptable(result, accuracy):
                 return self._end(state, result, scheme, loads), replace(result, iterations=spent)
         body, gradient = self.solver.film.body, self.solver.film.gradient
-        where = place_of_largest(body, result.positions, gradient, self.solver.free)
+        where = describe_largest(body, result.positions, gradient, self.solver.free)
         raise ConvergenceError(
             f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
             f"after {spent} iterations, the largest at {where}",
