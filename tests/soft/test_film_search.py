@@ -143,8 +143,8 @@ def test_films_that_were_quiet_are_seen_to_press_as_soon_as_they_do(turn_rad: fl
         x[last] += 2e-5 * rng.normal(size=(len(last), 3)) + (0.0, 0.0, 1e-4 * (k % 13 < 9))
         turn = rotation_from_vector(k * turn_rad * np.array((0.6, 0.0, 0.8)))
         carried = np.ascontiguousarray((x + 0.01 * k) @ turn.T)
-        told.append(films.press_at_rest(carried))
-        assert told[-1] == SelfContact(body, FilmContactLaw(ContactLaw())).press_at_rest(carried)
+        told.append(films.presses_at_rest(carried))
+        assert told[-1] == SelfContact(body, FilmContactLaw(ContactLaw())).presses_at_rest(carried)
     assert 70 < told.index(True) < 95
 
 

@@ -143,7 +143,7 @@ def test_factors_of_different_steps_are_part_of_the_state() -> None:
     move = stepper(arm)
     state = pressed(arm, move, at_rest(), range(TICKS // 2)).state
     saved = arm.newton.state
-    assert saved.kept is not None
+    assert saved.key is not None
     expected = pressed(arm, move, state, range(TICKS // 2, TICKS)).state
     other = held(gripper())
     other.newton.state = saved

@@ -82,8 +82,8 @@ def test_a_law_that_reaches_beyond_the_lists_of_near_films_finds_an_end(
         make(self, x, room_m, moves)
 
     monkeypatch.setattr(FilmLists, "make", counted)
-    assert SelfContact(body, FilmContactLaw(replace(LAW, smoothing_m=0.03))).press_at_rest(body.positions)
-    assert not SelfContact(body, FilmContactLaw(LAW)).press_at_rest(body.positions)
+    assert SelfContact(body, FilmContactLaw(replace(LAW, smoothing_m=0.03))).presses_at_rest(body.positions)
+    assert not SelfContact(body, FilmContactLaw(LAW)).presses_at_rest(body.positions)
 
 
 def test_a_negative_friction_coefficient_is_refused() -> None:

@@ -163,5 +163,5 @@ class SearchEffort:
             tried = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
             count = self.spent + under_way
             self.report(
-                f"{place}{tried}: {count} of at iterations_max {self._bound} Newton iterations so far"
+                f"{place}{tried}: {count} of at most {self._bound} Newton iterations so far"
             )

@@ -147,7 +147,7 @@ class TipSearch:
                 bound = _CUT * min(bound, self._unknowns.size(change))
                 continue
             if rounds == self._options.iterations_max:
-                return SearchEnd(there, f"the limit of {rounds} iterations was evaluate{left}")
+                return SearchEnd(there, f"the limit of {rounds} iterations was reached{left}")
             here, rounds, reason = there, rounds + 1, ""
             bound = min(1.0, 2.0 * bound) if gain > _WELL_PREDICTED else bound
 
