@@ -118,15 +118,15 @@ def _limits(samples: Samples, length: Array, over: Array) -> Array:
     bend = (samples.strain[:, :, 3:5] ** 2).sum(axis=2)
     rows = []
     for level in np.unique(samples.pressure_Pa):
-        here = samples.pressure_Pa == level
-        low, high = stretch[here].min(axis=0), stretch[here].max(axis=0)
+        chosen = samples.pressure_Pa == level
+        low, high = stretch[chosen].min(axis=0), stretch[chosen].max(axis=0)
         margin = _BEYOND * (high - low)
         rows.append(
-            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[here].max(axis=0)], axis=1)
+            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[chosen].max(axis=0)], axis=1)
         )
     at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
-    found = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
-    return np.asarray(found.reshape(over.shape[1], -1, 3))
+    splines = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
+    return np.asarray(splines.reshape(over.shape[1], -1, 3))
 
 
 def _alike(rims: Array, length_m: Array) -> list[list[int]]:
@@ -399,8 +399,8 @@ def _tip_off(chain: ChainSolver, film: state.Equilibrium, pressure_Pa: float) ->
     if place_in_range(chain.section, frames, pressure_Pa).fraction > 1.0:
         return []
     free = np.arange(len(frames)) > 0
-    found = chain.solve(frames, free, film.loads, 1e-6, 60)
+    solution = chain.solve(frames, free, film.loads, 1e-6, 60)
     length = float(np.linalg.norm(np.diff(frames[:, 0], axis=0), axis=1).sum())
-    if found.outcome is not newton_options.Outcome.CONVERGED:
+    if solution.outcome is not newton_options.Outcome.CONVERGED:
         return [(np.inf, length)]
-    return [(float(np.linalg.norm(found.frames[-1, 0] - frames[-1, 0])), length)]
+    return [(float(np.linalg.norm(solution.frames[-1, 0] - frames[-1, 0])), length)]

@@ -86,14 +86,14 @@ class RingGuides:
         """Add the gradient and, if `hessian`, the Hessian; return the energy [J]."""
         energy = 0.0
         parts = zip(self._groups, self._measures, self._centers, self._blocks, strict=True)
-        for group, measure, center, own in parts:
+        for group, measure, center, stiffness in parts:
             off = np.einsum("kamr,kmr->ka", measure, positions[group.nodes])
             off[:, :3] -= center
             pull = self._stiffness * off
             energy += 0.5 * float((pull * off).sum())
             sums.gradient[group.nodes] += np.einsum("ka,kamr->kmr", pull, measure)
             if hessian:
-                sums.blocks[group.slots] += own
+                sums.blocks[group.slots] += stiffness
         return energy
 
     def force(self, positions: Array) -> Array:

@@ -122,9 +122,9 @@ class Sampler:
         for pressure in work.pressures_Pa:
             free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
             rows.append(self._sample(free))
-            here = self._lengths(free, longest, work)
-            lengths.append(0.5 * (here.low + here.high))
-            for wanted in Poses(here, self._radii, self._frames.rims, work).draw(random):
+            range_m = self._lengths(free, longest, work)
+            lengths.append(0.5 * (range_m.low + range_m.high))
+            for wanted in Poses(range_m, self._radii, self._frames.rims, work).draw(random):
                 try:
                     rows.append(self._guided(free, wanted))
                 except ConvergenceError:
@@ -148,12 +148,12 @@ class Sampler:
         rows, failures, off = list[Sample](), 0, np.zeros_like(free.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
             first, *others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()
-            here = coarse.positions[first][parents].mean(axis=1)
-            free = self._freed(free, pressure, here + off)
+            shape = coarse.positions[first][parents].mean(axis=1)
+            free = self._freed(free, pressure, shape + off)
             rows.append(self._sample(free))
-            off = free.state.positions - here
-            most = len(others) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
-            for k in others[level % _FINER_OF : most : _FINER_OF]:
+            off = free.state.positions - shape
+            end = len(others) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
+            for k in others[level % _FINER_OF : end : _FINER_OF]:
                 start = coarse.positions[k][parents].mean(axis=1)
                 try:
                     rows.append(self._near(free, coarse.target[k], start))
@@ -195,14 +195,16 @@ class Sampler:
             ConvergenceError: no equilibrium was found.
         """
         frames = self._frames
-        here = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
-        found, guides, done, step = free, None, 0.0, 1.0
+        initial = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
+        solution, guides, done, step = free, None, 0.0, 1.0
         while done < 1.0 and step > _LEAST_STEP:
-            target = frames_from_strains(frames.drawn[0], here + min(1.0, done + step) * (wanted - here))
-            x = found.state.positions
+            target = frames_from_strains(
+                frames.drawn[0], initial + min(1.0, done + step) * (wanted - initial)
+            )
+            x = solution.state.positions
             start = frames.carried(x, frames.fit(x, Pose()), target)
             try:
-                found, guides = self._pulled(found.state, free.loads, target, start)
+                solution, guides = self._pulled(solution.state, free.loads, target, start)
             except ConvergenceError:
                 step *= 0.5
                 continue
@@ -210,7 +212,7 @@ class Sampler:
         if guides is None:
             raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
         self.reached.append(min(1.0, done))
-        return self._sample(found, guides)
+        return self._sample(solution, guides)
 
     def _near(self, free: state.Equilibrium, target: Array, start: Array) -> Sample:
         """Return the sample at target frames (f, 4, 3), solved from a start (n, 3) [m] or by load steps.
@@ -234,14 +236,14 @@ class Sampler:
         guides = RingGuides(self._frames, self._groups, target, _GUIDE_STIFFNESS)
         return self._solver.solve(near, Pose(), replace(loads, extra=guides), start), guides
 
-    def _sample(self, found: state.Equilibrium, guides: RingGuides | None = None) -> Sample:
-        x = found.state.positions
+    def _sample(self, solution: state.Equilibrium, guides: RingGuides | None = None) -> Sample:
+        x = solution.state.positions
         force = np.zeros_like(x) if guides is None else guides.force(x)
-        here = self._frames.fit(x, Pose())
+        fitted = self._frames.fit(x, Pose())
         volume = float(self._system.gas.enclosed_volumes(x[None]).sum())
-        strain = strains(*self._pairs(here))
-        pressure, forces = found.loads.pressures(1)[0], self._section_forces(x, here, force)
-        return pressure, strain, forces, volume, here, x, here if guides is None else guides.wanted
+        strain = strains(*self._pairs(fitted))
+        pressure, forces = solution.loads.pressures(1)[0], self._section_forces(x, fitted, force)
+        return pressure, strain, forces, volume, fitted, x, fitted if guides is None else guides.wanted
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
         """Return the derivatives (s, 6) of the energy from the forces beyond each section."""

@@ -86,9 +86,9 @@ class RingFrames:
             raise InputError(
                 f"section models have no rates; this soft robot has {element.label}; use fidelity = 'lumped'"
             )
-        own = len(body.base) // max(copies, 1)
+        base_nodes = len(body.base) // max(copies, 1)
         first = body.rings[body.center_rings[0]] if body.center_rings else body.base[:0]
-        if not body.frame_rings or set(body.base[:own].tolist()) != set(first.tolist()):
+        if not body.frame_rings or set(body.base[:base_nodes].tolist()) != set(first.tolist()):
             raise InputError(
                 "section models need frame rings, and a base at the first ring of the centre: a stack of "
                 "units held at unit_1.hole; use fidelity = 'lumped'"
@@ -96,8 +96,8 @@ class RingFrames:
         rings = (*(body.rings[name] for name in body.frame_rings), body.tip)
         if not copies:
             return cls._of_stack(body.positions, rings)
-        one = body.positions[: body.nodes // copies]
-        return cls._of_stack(body.copies[0].inverse().apply(one), rings)._copied(body.copies)
+        stack = body.positions[: body.nodes // copies]
+        return cls._of_stack(body.copies[0].inverse().apply(stack), rings)._copied(body.copies)
 
     @classmethod
     def _of_stack(cls, positions: Array, rings: tuple[IntArray, ...]) -> RingFrames:
@@ -110,20 +110,20 @@ class RingFrames:
         z = positions[:, 2]
         before = np.clip(np.searchsorted(heights, z, side="right") - 1, 0, len(rings) - 1)
         fraction = np.clip((z - heights[before]) / (heights[before + 1] - heights[before]), 0.0, 1.0)
-        for f, ring in enumerate(rings, start=1):  # exactly on its own frame, without rounding of its height
+        for f, ring in enumerate(rings, start=1):  # exactly on its frame, without rounding of its height
             before[ring], fraction[ring] = min(f, len(rings) - 1), float(f == len(rings))
         return cls(rings, shapes, drawn, np.arange(len(rings)), before.astype(np.int64), fraction)
 
     def _copied(self, poses: tuple[Pose, ...]) -> RingFrames:
         """Return the frames of copies of one stack, at poses in the flange frame."""
-        nodes, own = len(self.before), len(self)
-        begins = 1 + own * np.arange(len(poses))
-        none, still = np.zeros(0, np.int64), np.zeros((0, 3))
-        rings = [ring for k in range(len(poses)) for ring in (none, *(r + nodes * k for r in self.rings))]
+        nodes, frames = len(self.before), len(self)
+        begins = 1 + frames * np.arange(len(poses))
+        no_ring, no_shape = np.zeros(0, np.int64), np.zeros((0, 3))
+        rings = [ring for k in range(len(poses)) for ring in (no_ring, *(r + nodes * k for r in self.rings))]
         drawn = np.concatenate([points_of(Pose())[None], *(carried(self.drawn, pose) for pose in poses)])
         return RingFrames(
             tuple(rings),
-            (still, *self.shapes) * len(poses),
+            (no_shape, *self.shapes) * len(poses),
             drawn,
             (begins[:, None] + self.near).ravel(),
             (begins[:, None] + self.before).ravel(),
@@ -134,9 +134,9 @@ class RingFrames:
     @property
     def chains(self) -> list[slice]:
         """The frames of each chain, base to tip."""
-        own = len(self.near) // self.copies + 1
-        first = len(self) - own * self.copies
-        return [slice(first + own * k, first + own * (k + 1)) for k in range(self.copies)]
+        count = len(self.near) // self.copies + 1
+        first = len(self) - count * self.copies
+        return [slice(first + count * k, first + count * (k + 1)) for k in range(self.copies)]
 
     @cached_property
     def rims(self) -> Array:
@@ -154,7 +154,7 @@ class RingFrames:
 
     @property
     def bases(self) -> Mask:
-        """(f,) the frames without a ring, which go with the flange."""
+        """(f,) the frames without a ring, fixed to the flange."""
         return np.array([True, *(len(ring) == 0 for ring in self.rings)])
 
     def strains(self, frames: Array) -> Array:
@@ -162,10 +162,10 @@ class RingFrames:
         return strains(frames[self.near], frames[self.near + 1])
 
     def strained(self, frames: Array, values: Array) -> Array:
-        """Return frames (f, 4, 3) with other strains (s, 6), each chain from where it begins."""
+        """Return frames (f, 4, 3) with other strains (s, 6); the first frame of each chain stays."""
         result = frames.copy()
-        for chain, own in zip(self.chains, np.split(values, self.copies), strict=True):
-            result[chain] = frames_from_strains(frames[chain.start], own)
+        for chain, strain in zip(self.chains, np.split(values, self.copies), strict=True):
+            result[chain] = frames_from_strains(frames[chain.start], strain)
         return result
 
     def __len__(self) -> int:
@@ -209,18 +209,18 @@ class RingFrames:
         return found
 
     def carried(self, positions: Array, frames: Array, moved: Array) -> Array:
-        """Return the film carried along as its frames move, each node by the two frames beside it.
+        """Return the film after a motion of its frames, each node moved by the two frames next to it.
 
         Args:
             positions: (n, 3) [m].
             frames: (f, 4, 3), its frames.
-            moved: (f, 4, 3), where they go.
+            moved: (f, 4, 3), the frames after the motion.
         """
         result = np.zeros_like(positions)
         for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
             local = np.einsum("nar,nr->na", frames[frame, 1:], positions - frames[frame, 0])
-            there = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
-            result += weight[:, None] * there
+            points = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
+            result += weight[:, None] * points
         return result
 
     def masses(self, node_mass: Array, positions: Array) -> Array:
@@ -384,26 +384,26 @@ class SectionBody:
         np.divide(1.0, self.inverse_length, out=self.inverse_length)
 
     def volume(self, frames: Array) -> Array:
-        """Return the volumes (copies,) [m^3] enclosed at frames (f, 4, 3), at the pressure that is set."""
+        """Return the volumes (copies,) [m^3] enclosed at frames (f, 4, 3), at the present pressure."""
         found: Array = self.volumes(frames[None], np.array([self._pressure]))[0]
         return found
 
     def pressure(self, loads: Loads) -> float:
-        """Return the gauge pressure [Pa] that loads give the gas.
+        """Return the gauge pressure [Pa] of the gas under loads.
 
         Raises:
-            InputError: copies are given different ones.
+            InputError: pressures of copies differ.
         """
-        given = loads.pressures(self.copies)
-        if self.copies > 1 and min(given) != max(given):
+        values = loads.pressures(self.copies)
+        if self.copies > 1 and min(values) != max(values):
             raise InputError(
-                f"pressures of copies are {min(given):g} to {max(given):g} Pa; section models of copies have "
-                "one for all; use fidelity = 'lumped'"
+                f"pressures of copies are {min(values):g} to {max(values):g} Pa; section models of copies "
+                "have one for all; use fidelity = 'lumped'"
             )
-        return given[0]
+        return values[0]
 
     def gas(self, loads: Loads) -> SealedGas | None:
-        """Return the sealed gas of loads; None where its pressure is given.
+        """Return the sealed gas of loads; None where its pressure is commanded.
 
         Raises:
             InputError: there are copies, each with the pressure of its own gas.
@@ -412,7 +412,7 @@ class SectionBody:
             return None
         gases = loads.gases(self.copies)
         if self.copies > 1 and any(gas is not None for gas in gases):
-            raise InputError("section models of copies need given pressures; use fidelity = 'lumped'")
+            raise InputError("section models of copies need commanded pressures; use fidelity = 'lumped'")
         return gases[0]
 
     def straight(self, pressure_Pa: float) -> Array:

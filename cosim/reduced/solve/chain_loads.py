@@ -73,7 +73,7 @@ class ChainLoads:
     `losses_follow_shape` says whether the tension of a cable's segments depends on the shape.
 
     Args:
-        section: whose chain it is.
+        section: of the chain.
 
     Raises:
         InputError: a cable does not run from unit to next unit.
@@ -83,11 +83,11 @@ class ChainLoads:
         self._section = section
         body, frames = section.body, section.frames
         segments = np.concatenate([np.zeros((0, 2), np.int64), *(cable.segments for cable in body.cables)])
-        own = frames.before + (frames.fraction > 0.5)
-        far = own[segments[:, 1]].astype(np.int64)
-        # eyelets sit on rings of neighbouring units
+        nearest = frames.before + (frames.fraction > 0.5)
+        far = nearest[segments[:, 1]].astype(np.int64)
+        # eyelets are on rings of neighbouring units
         on_rings = np.isin(frames.fraction[segments], (0.0, 1.0)).all()
-        if not on_rings or (own[segments[:, 0]] != far - 1).any():
+        if not on_rings or (nearest[segments[:, 0]] != far - 1).any():
             raise InputError(
                 "section models need every cable to run from unit to next unit through outer rings; "
                 "use fidelity = 'lumped'"
@@ -105,15 +105,15 @@ class ChainLoads:
         self._pressure = np.nan
 
     def acting(self, loads: Loads, pressure_Pa: float, frames: Array) -> LoadedChain:
-        """Bring the section to a pressure and return what acts on it, in arrays that the next call changes.
+        """Set the pressure of the section; return the chain with its loads; the next call changes its arrays.
 
         Args:
-            loads: given on the film.
+            loads: on the film.
             pressure_Pa: of the gas.
-            frames: (f, 4, 3) near the solution; losses of cables that rub follow the shape.
+            frames: (f, 4, 3) near the solution; losses of cables with friction depend on it.
 
         Raises:
-            InputError: a cable's length is commanded, or a triangle that may touch reaches across a frame.
+            InputError: a cable's length is commanded, or a triangle of a contact extends across a frame.
         """
         self._section.set_pressure(pressure_Pa)
         if loads is not self._loads or pressure_Pa != self._pressure:
@@ -124,9 +124,9 @@ class ChainLoads:
         return self._chain if loads.contact is None else self._touching(loads.contact, pressure_Pa)
 
     def _update(self, loads: Loads, pressure_Pa: float) -> None:
-        """Bring dead loads, eyelets and tensions up to date."""
+        """Update dead loads, eyelets and tensions."""
         if any(length is not None for length in loads.cable_length_m):
-            raise InputError("a chain is solved at tensions; `solve_loaded` finds those of given lengths")
+            raise InputError("a chain is solved at tensions; `solve_loaded` takes commanded lengths")
         before, other_pressure = self._loads, pressure_Pa != self._pressure
         self._loads, self._pressure = loads, pressure_Pa
         if (
@@ -144,11 +144,11 @@ class ChainLoads:
         self._pull(loads, self._ratios)
 
     def _pull(self, loads: Loads, ratios: list[Array]) -> None:
-        """Bring the tension of all segments up to date, from those over the tension at each base end."""
-        for own, ratio, tension_N in zip(
+        """Update the tension of all segments from ratios to the tension at each base end."""
+        for tension, ratio, tension_N in zip(
             self._tensions, ratios, loads.cable_tension_N if ratios else (), strict=True
         ):
-            np.multiply(ratio, tension_N, out=own)
+            np.multiply(ratio, tension_N, out=tension)
 
     def _touching(self, planes: ContactPlanes, pressure_Pa: float) -> LoadedChain:
         """Return the chain with contacts of the film's nodes as contacts of the frames."""

@@ -1,5 +1,5 @@
-"""Equilibria and steps of one chain of frames at given tensions; the pressure of sealed gas is found by
-secants.
+"""Equilibria and steps of one chain of frames at known cable tensions; the pressure of sealed gas
+follows by the secant method.
 """
 
 from typing import NamedTuple, final
@@ -37,14 +37,14 @@ _NOWHERE = np.zeros((4, 3))
 
 
 class ChainTask(NamedTuple):
-    """What is to be solved: an equilibrium, or a step in time.
+    """A task of the solver: an equilibrium, or a step in time.
 
     Args:
         clamp: frames held by the flange.
-        scheme: in what step, and how closely.
-        begin: where a step begins; None in statics.
+        scheme: length of the step, and tolerances.
+        begin: state at the start of a step; None in statics.
         flange: (4, 3), its origin and axes at the end of a step.
-        factor: that a step may reuse, and leaves; None for none.
+        factor: which a step may reuse, and replaces; None for none.
     """
 
     clamp: FrameClamp
@@ -58,12 +58,12 @@ class ChainTask(NamedTuple):
         """Inertia of the step as an elastic term about the positions without velocity; none in statics."""
         if self.begin is None:
             return InertiaTerm(0.0, np.zeros_like(self.clamp.offsets))
-        here, (base, target) = self.begin.motion, np.empty((2, *self.clamp.offsets.shape))
-        earlier = here if self.begin.earlier is None else self.begin.earlier
-        x, v, x_before, v_before, to, unused = (
-            part.reshape(-1, 3) for part in (*here, *earlier, base, target)
+        motion, (base, target) = self.begin.motion, np.empty((2, *self.clamp.offsets.shape))
+        earlier = motion if self.begin.earlier is None else self.begin.earlier
+        x, v, x_before, v_before, into, unused = (
+            part.reshape(-1, 3) for part in (*motion, *earlier, base, target)
         )
-        fill_inertia_target(x, v, x_before, v_before, v, self.scheme.coefficients, to, unused)
+        fill_inertia_target(x, v, x_before, v_before, v, self.scheme.coefficients, into, unused)
         return InertiaTerm(self.scheme.inertia, base)
 
 
@@ -91,26 +91,26 @@ class ChainSolver:
         iterations_max: int,
         begin_Pa: float = 0.0,
     ) -> ChainStep:
-        """Find the equilibrium near `start`, at given tensions.
+        """Find the equilibrium near `start`, at the tensions in `loads`.
 
         Args:
-            start: (f, 4, 3), held frames where they shall be.
+            start: (f, 4, 3), held frames at their poses in the solution.
             free: (f,) frames that can move.
-            loads: that act; nodal forces go to the frames beside each node.
-            tolerance_N: residual at which it is done.
-            iterations_max: bound.
+            loads: active loads; nodal forces are divided between the two frames next to each node.
+            tolerance_N: bound of the residual.
+            iterations_max: bound of Newton's iterations.
             begin_Pa: gauge pressure at which the search for that of a sealed gas begins.
         """
         scheme = ChainScheme.of_statics(tolerance_N, self.lever_m, iterations_max)
         return self.find(ChainTask(FrameClamp(~free, start), scheme), loads, start, begin_Pa)
 
     def find(self, task: ChainTask, loads: Loads, start: int | Array, begin_Pa: float) -> ChainStep:
-        """Return the solution at given tensions.
+        """Return the solution at the tensions in `loads`.
 
         Args:
             task: options, clamp and scheme of the solution.
             loads: that act.
-            start: one of the leaf's, or frames (f, 4, 3).
+            start: a start of `chain_step`, such as STANDING, or frames (f, 4, 3).
             begin_Pa: gauge pressure to begin with, of sealed gas.
         """
         gas = self.section.gas(loads)
@@ -118,40 +118,40 @@ class ChainSolver:
             return self._at_pressure(task, loads, start, self.section.pressure(loads))
         return self._with_gas(gas, task, loads, self._at_pressure(task, loads, start, begin_Pa))
 
-    def _with_gas(self, gas: SealedGas, task: ChainTask, loads: Loads, found: ChainStep) -> ChainStep:
-        """Return the solution at the pressure that sealed gas has in it, by secants from a first one."""
-        pressure, step, before = found.pressure_Pa, 0.0, 0.0
+    def _with_gas(self, gas: SealedGas, task: ChainTask, loads: Loads, solution: ChainStep) -> ChainStep:
+        """Return the solution at the pressure that sealed gas has in it, by secants from another."""
+        pressure, step, before = solution.pressure_Pa, 0.0, 0.0
         for _ in range(_ROUNDS_MAX - 1):
-            if found.outcome is not Outcome.CONVERGED:
+            if solution.outcome is not Outcome.CONVERGED:
                 break
-            off = gas.gauge_pressure(float(self.section.volume(found.frames)[0])) - pressure
-            whole = abs(pressure) + gas.ambient_Pa
-            if abs(off) <= _TOLERANCE * whole:
+            difference = gas.gauge_pressure(float(self.section.volume(solution.frames)[0])) - pressure
+            absolute = abs(pressure) + gas.ambient_Pa
+            if abs(difference) <= _TOLERANCE * absolute:
                 break
-            slope = (off - before) / step if step else -1.0
+            slope = (difference - before) / step if step else -1.0
             # more pressure, more volume: the true slope is below -1
-            step = min(max(-off / min(slope, -1.0), -_STEP_MAX * whole), _STEP_MAX * whole)
-            before, pressure = off, pressure + step
-            found = self._at_pressure(task, loads, found.frames, pressure)
-        return found
+            step = min(max(-difference / min(slope, -1.0), -_STEP_MAX * absolute), _STEP_MAX * absolute)
+            before, pressure = difference, pressure + step
+            solution = self._at_pressure(task, loads, solution.frames, pressure)
+        return solution
 
     def _at_pressure(
         self, task: ChainTask, loads: Loads, start: int | Array, pressure_Pa: float
     ) -> ChainStep:
         clamp, scheme, begin, flange, factor = task
-        there = np.empty((2, *clamp.offsets.shape))
-        gradient, figures = np.empty((len(there[0]), 6)), np.empty(FIGURES)
-        motion = there if begin is None else begin.motion
+        result = np.empty((2, *clamp.offsets.shape))
+        gradient, figures = np.empty((len(result[0]), 6)), np.empty(FIGURES)
+        motion = result if begin is None else begin.motion
         earlier = None if begin is None else begin.earlier
         near = motion[0]
         if not isinstance(start, int):
-            there[0] = start
-            near, start = there[0], GIVEN
+            result[0] = start
+            near, start = result[0], GIVEN
         elif self.loads.losses_follow_shape:
             near = near + scheme.h * motion[1]
         work = self.work if factor is None else factor.work
         side = ChainSide(self.loads.acting(loads, pressure_Pa, near), clamp.free, clamp.offsets, work)
-        ends = ChainEnds(motion, motion if earlier is None else earlier, flange, there, gradient, figures)
+        ends = ChainEnds(motion, motion if earlier is None else earlier, flange, result, gradient, figures)
         reused = factor is not None and factor.is_of(clamp, scheme.coefficients)
         outcome, iterations, residual, reusable, potential, shifted = unchecked(solve_chain)(
             side, scheme, ends, start, reused
@@ -159,7 +159,7 @@ class ChainSolver:
         if factor is not None:
             factor.keep(reusable, clamp, scheme.coefficients)
         return ChainStep(
-            ChainState(there, pressure_Pa, None if begin is None else motion), gradient, figures,
+            ChainState(result, pressure_Pa, None if begin is None else motion), gradient, figures,
             OUTCOMES[outcome], iterations, residual, potential, shifted,
         )  # fmt: skip
 

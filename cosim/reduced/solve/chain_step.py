@@ -211,7 +211,7 @@ def _minimise(
     copy(frames.reshape(-1), work.trial.reshape(-1))
     iterations = shifted = tries = uses = 0
     energy = residual = slope = factor = 0.0
-    # numba would compile all anew for a literal
+    # numba would compile everything again for a literal
     renew, judged, old, definite, outcome = not reused, iterations > 0, reused, reused, GOES_ON
     while outcome == GOES_ON:
         value = assembly.assemble(work.trial, side.chain, coefficients, gradient, work, renew)
@@ -360,7 +360,7 @@ def solve_chain(
 
     Returns:
         Outcome, iterations, residual [N], whether the factor that is left may be reused by the next solution,
-        potential [J], iterations that met an indefinite tangent.
+        potential [J], number of iterations with an indefinite tangent.
     """
     here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
     coefficients, work, steps = scheme.coefficients, side.work, scheme.inertia > 0.0

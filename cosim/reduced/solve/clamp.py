@@ -89,8 +89,8 @@ class FrameClamp:
     """Frames held rigidly to the flange.
 
     Args:
-        held: (f,) which.
-        offsets: (f, 4, 3), held frames in the flange frame; of others without meaning.
+        held: (f,), mask.
+        offsets: (f, 4, 3), held frames in the flange frame; other rows are not used.
     """
 
     held: Mask
@@ -98,7 +98,7 @@ class FrameClamp:
 
     @classmethod
     def of_base(cls, section: SectionBody) -> "FrameClamp":
-        """Return the clamp that holds the flange's own frame, and those at which copies begin."""
+        """Return the clamp that holds the frame of the flange and the base frames of copies."""
         return cls(section.frames.bases, section.frames.drawn)
 
     @cached_property
@@ -107,18 +107,18 @@ class FrameClamp:
         return ~self.held
 
     def place(self, frames: Array, flange: Pose) -> Array:
-        """Return the frames (f, 4, 3) with the held ones where the flange has them."""
+        """Return the frames (f, 4, 3) with the held ones at their poses on the flange."""
         placed = frames.copy()
         placed[self.held] = carried(self.offsets[self.held], flange)
         return placed
 
     def holding(self, section: SectionBody, nodes: Mask, frames: Array, flange: Pose) -> "FrameClamp":
-        """Return a clamp that also holds the rings of some nodes where they are now.
+        """Return a clamp that also holds the rings of some nodes at their present poses.
 
         Args:
             section: whose rings they are.
             nodes: (n, 3) components to hold: whole rings.
-            frames: (f, 4, 3), where they are.
+            frames: (f, 4, 3), present poses.
             flange: its pose.
 
         Raises:
@@ -136,13 +136,13 @@ class FrameClamp:
         return FrameClamp(held, offsets)
 
     def without(self, section: SectionBody, nodes: IntArray) -> "FrameClamp":
-        """Return a clamp that lets the rings of the given nodes (m,) go.
+        """Return a clamp that releases the rings of nodes (m,).
 
         Raises:
-            InputError: the base is to be let go.
+            InputError: nodes of the base are among them.
         """
         if np.isin(section.body.base, nodes).any():
-            raise InputError("section models cannot let go of their base; use fidelity = 'lumped'")
+            raise InputError("section models cannot release their base; use fidelity = 'lumped'")
         held = self.held.copy()
         for f, ring in enumerate(section.frames.rings, start=1):
             held[f] &= not np.isin(ring, nodes).any()
@@ -150,7 +150,7 @@ class FrameClamp:
 
 
 def film_clamp(section: SectionBody, frames: FrameClamp, shape: Array, flange: Pose) -> Clamp:
-    """Return what holds a film as some frames of its chain are held: base, and rings where they are.
+    """Return the clamp of a film's base and of the rings of held frames at their present positions.
 
     Args:
         section: whose film.

@@ -1,4 +1,4 @@
-"""Cables of commanded length on a chain: the tensions that the route's length at the solution gives them.
+"""Cables of commanded length on a chain: tensions that agree with the length of the route at the solution.
 
 A solution takes tensions. Those of commanded cables are separate unknowns, T_c = k_c f(L_c - L_0c) as
 in `cosim.soft.elements.cable`, found by Newton's method around it: with g_c the gradient of
@@ -101,8 +101,8 @@ def point_of(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: floa
         return ChainPoint(frames, loads, pressure_Pa)
     pulls = Pulls.of(solver, frames, loads, pressure_Pa)
     flat = pulls.gradient.reshape(len(pulls.mean_ratio), -1)
-    given = with_tensions(loads, tensions_at(solver, frames, loads, pressure_Pa))
-    return ChainPoint(frames, given, pressure_Pa, HeldLengths(flat, pulls.stiffness / pulls.mean_ratio))
+    pulled = with_tensions(loads, tensions_at(solver, frames, loads, pressure_Pa))
+    return ChainPoint(frames, pulled, pressure_Pa, HeldLengths(flat, pulls.stiffness / pulls.mean_ratio))
 
 
 def solve_loaded(
@@ -129,32 +129,32 @@ def solve_loaded(
 
     near = np.asarray(start) if task.begin is None else task.begin.frames
     pressure = begin_Pa if solver.section.gas(loads) is not None else solver.section.pressure(loads)
-    tension, spent = np.array(tensions_at(solver, near, loads, pressure)), 0
-    found, good, known = attempt(tension, None), None, tension.copy()
-    known[chosen] = 0.0  # a chain that its cables pull too far has no equilibrium
+    tension, total = np.array(tensions_at(solver, near, loads, pressure)), 0
+    solution, converged, converged_N = attempt(tension, None), None, tension.copy()
+    converged_N[chosen] = 0.0  # a chain that its cables pull too far has no equilibrium
     for _ in range(_ROUNDS_MAX):
-        spent += found.iterations
-        if found.outcome is not Outcome.CONVERGED:
-            if np.abs(tension - known).max() <= _TOLERANCE_N:
-                return replace(found, iterations=spent)
-            tension = 0.5 * (tension + known) if good is not None else known
-            found = attempt(tension, good)
+        total += solution.iterations
+        if solution.outcome is not Outcome.CONVERGED:
+            if np.abs(tension - converged_N).max() <= _TOLERANCE_N:
+                return replace(solution, iterations=total)
+            tension = 0.5 * (tension + converged_N) if converged is not None else converged_N
+            solution = attempt(tension, converged)
             continue
-        good, known = found, tension
-        pulls = Pulls.of(solver, found.frames, loads, found.pressure_Pa)
-        off = tension[chosen] - pulls.tension_N
-        if np.abs(off).max() <= _TOLERANCE_N:
-            return replace(found, iterations=spent)
-        given = with_tensions(loads, tuple(tension.tolist()))
+        converged, converged_N = solution, tension
+        pulls = Pulls.of(solver, solution.frames, loads, solution.pressure_Pa)
+        difference = tension[chosen] - pulls.tension_N
+        if np.abs(difference).max() <= _TOLERANCE_N:
+            return replace(solution, iterations=total)
+        pulled = with_tensions(loads, tuple(tension.tolist()))
         try:
-            at = ChainPoint(found.frames, given, found.pressure_Pa)
-            tangent = ChainTangent(solver, at, free, task.inertia)
+            point = ChainPoint(solution.frames, pulled, solution.pressure_Pa)
+            tangent = ChainTangent(solver, point, free, task.inertia)
         except TangentError:
-            return replace(found, outcome=Outcome.INDEFINITE, iterations=spent)
+            return replace(solution, outcome=Outcome.INDEFINITE, iterations=total)
         shortened = np.einsum("cfi,dfi->cd", pulls.gradient, tangent.solve(pulls.gradient))
-        # one that is pulled and found slack is on the taut side of the onset's bend, too far
+        # a pulled cable whose route is slack at the solution is on the taut side of the onset, too far
         matrix = np.eye(len(chosen)) + (pulls.taut(solver, loads) / pulls.mean_ratio)[:, None] * shortened
-        off, tension = off + pulls.missing_N, tension.copy()
-        tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, off), 0.0)
-        found = attempt(tension, found)
-    return replace(found, outcome=Outcome.ITERATION_LIMIT, iterations=spent)
+        difference, tension = difference + pulls.missing_N, tension.copy()
+        tension[chosen] = np.maximum(tension[chosen] - np.linalg.solve(matrix, difference), 0.0)
+        solution = attempt(tension, solution)
+    return replace(solution, outcome=Outcome.ITERATION_LIMIT, iterations=total)

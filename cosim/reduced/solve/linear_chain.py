@@ -20,7 +20,7 @@ def linear_step(chain: RestingChain, coefficients: StepCoefficients) -> LinearSt
 
     Args:
         chain: at rest.
-        coefficients: numbers of inertia and losses in it.
+        coefficients: of inertia and losses in the step.
     """
     names, slopes = _by_loads(chain)
     size = 6 * len(chain.frames)
@@ -36,43 +36,43 @@ def linear_step(chain: RestingChain, coefficients: StepCoefficients) -> LinearSt
 
 
 def _carried(frames: Array) -> Array:
-    """Return R (6 f, 6): how frames (f, 4, 3) move that go along with the flange."""
-    found = np.zeros((len(frames), 6, 6))
-    found[:] = np.eye(6)
-    for own, frame in zip(found, frames, strict=True):
-        own[:3, 3:] = -cross_matrix(frame[0] - frames[0, 0])
-    return found.reshape(-1, 6)
+    """Return R (6 f, 6): the motion of frames (f, 4, 3) fixed to the flange by a motion of the flange."""
+    motion = np.zeros((len(frames), 6, 6))
+    motion[:] = np.eye(6)
+    for rows, frame in zip(motion, frames, strict=True):
+        rows[:3, 3:] = -cross_matrix(frame[0] - frames[0, 0])
+    return motion.reshape(-1, 6)
 
 
 def _by_loads(chain: RestingChain) -> tuple[tuple[LoadName, ...], Array]:
-    """Return what loads can be commanded, and the gradient's derivatives (6 f, loads) by them."""
-    names, columns, given = list[LoadName](), list[Array](), chain.point.loads
+    """Return the names of loads for commands, and the gradient's derivatives (6 f, loads) by them."""
+    names, columns, loads = list[LoadName](), list[Array](), chain.point.loads
     if chain.solver.section.gas(chain.loads) is None:
         up, down = (chain.gradient_at(chain.pressure_Pa + off) for off in (PROBE_Pa, -PROBE_Pa))
         names.append(("pressure_Pa", 0))
         columns.append((up - down) / (2.0 * PROBE_Pa))
-    for c in sorted({*range(len(given.cable_tension_N))} - {*commanded(chain.loads)}):
-        pulled = with_tensions(given, tuple(pull + (c == d) for d, pull in enumerate(given.cable_tension_N)))
+    for c in sorted({*range(len(loads.cable_tension_N))} - {*commanded(chain.loads)}):
+        pulled = with_tensions(loads, tuple(pull + (c == d) for d, pull in enumerate(loads.cable_tension_N)))
         names.append(("cable_tension_N", c))
         columns.append(chain.solver.evaluate(chain.frames, pulled, chain.pressure_Pa) - chain.gradient)
     return tuple(names), np.array(columns).reshape(len(columns), 6 * len(chain.frames)).T
 
 
 def _supplied(chain: RestingChain, gradient: Array, end: Array) -> Array:
-    """Return the change (6, columns) of what held frames are supplied with, about the flange.
+    """Return the change (6, columns) of the wrench on held frames, about the flange.
 
     The gradient by (dr, phi) of a turned frame is that of before, its change by the symmetric tangent,
     and phi x g / 2, as turns do not commute. A lever turns with its frame.
     """
-    still, found = chain.gradient, np.zeros((6, end.shape[1]))
+    still, change = chain.gradient, np.zeros((6, end.shape[1]))
     for f in np.flatnonzero(chain.clamp.held):
-        own, moved = gradient[6 * f : 6 * f + 6], end[6 * f : 6 * f + 6]
+        wrench, moved = gradient[6 * f : 6 * f + 6], end[6 * f : 6 * f + 6]
         lever = chain.frames[f, 0] - chain.frames[0, 0]
-        found += own
-        found[3:] -= 0.5 * cross_matrix(still[f, 3:]) @ moved[3:]
-        found[3:] += cross_matrix(lever) @ own[:3]
-        found[3:] -= cross_matrix(still[f, :3]) @ (moved[:3] - end[:3])
-    return found
+        change += wrench
+        change[3:] -= 0.5 * cross_matrix(still[f, 3:]) @ moved[3:]
+        change[3:] += cross_matrix(lever) @ wrench[:3]
+        change[3:] -= cross_matrix(still[f, :3]) @ (moved[:3] - end[:3])
+    return change
 
 
 def _moments(chain: RestingChain) -> Array:
@@ -92,11 +92,11 @@ def _moments(chain: RestingChain) -> Array:
 def _tip(chain: RestingChain, names: tuple[LoadName, ...]) -> Array:
     """Return the derivatives (3, 6 f + loads) of the tip's position."""
     section, tip = chain.solver.section, chain.solver.section.body.tip
-    found = np.concatenate([chain.motion[tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
+    derivatives = np.concatenate([chain.motion[tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
     if names and names[0] == ("pressure_Pa", 0):
         up, down = (
             section.positions(chain.frames, chain.pressure_Pa + off)[tip].mean(axis=0)
             for off in (PROBE_Pa, -PROBE_Pa)
         )
-        found[:, chain.motion.shape[2]] = (up - down) / (2.0 * PROBE_Pa)
-    return found
+        derivatives[:, chain.motion.shape[2]] = (up - down) / (2.0 * PROBE_Pa)
+    return derivatives

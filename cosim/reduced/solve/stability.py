@@ -30,8 +30,8 @@ from cosim.soft.solve.stability import (
 
 Slope = TypeVar("Slope", float, Array)
 PROBE_Pa: Final = 1.0
-"""Half of the interval over which slopes by pressure are taken."""
-_STEP: Final = 1e-3  # of the loads, ahead and back
+"""Half of the interval of difference quotients by pressure."""
+_STEP: Final = 1e-3  # of the loads, up and down
 _ROUNDS: Final = 4  # until a gas has its pressure to rounding
 
 
@@ -44,7 +44,7 @@ class RestingChain:
         solver: of the chain.
         clamp: frames held by the flange.
         frames: (f, 4, 3).
-        loads: that act.
+        loads: active loads.
         pressure_Pa: of the gas.
     """
 
@@ -70,7 +70,7 @@ class RestingChain:
 
     @cached_property
     def tangent(self) -> Array:
-        """(6 f, 6 f), with sealed gas and commanded lengths in it."""
+        """(6 f, 6 f), including sealed gas and commanded lengths."""
         whole, gas = whole_tangent(self.solver, self.point), self.solver.section.gas(self.loads)
         if gas is None:
             return whole
@@ -96,8 +96,8 @@ class RestingChain:
     @cached_property
     def motion(self) -> Array:
         """(n, 3, 6 f), see `node_motion`."""
-        found = node_motion(self.solver.section, self.frames, self.pressure_Pa)
-        return found.reshape(len(found), 3, -1)
+        derivatives = node_motion(self.solver.section, self.frames, self.pressure_Pa)
+        return derivatives.reshape(len(derivatives), 3, -1)
 
     @cached_property
     def _free(self) -> Mask:
@@ -110,12 +110,12 @@ class RestingChain:
 
     @property
     def negative_pivots(self) -> int:
-        """In how many directions the potential falls."""
+        """Number of directions in which the potential decreases."""
         return int((np.linalg.eigvalsh(self._matrix) < 0.0).sum())
 
     @property
     def unstable(self) -> branching.Branching | None:
-        """In which direction it would give way; None where it is stable."""
+        """The direction of instability; None where it is stable."""
         lowest = self.lowest_mode
         return None if lowest.value > 0.0 else self.describe_instability(lowest, self.negative_pivots)
 
@@ -133,10 +133,10 @@ class RestingChain:
         )  # fmt: skip
 
     def assess_stability(self, film: FilmPotential) -> branching.StabilityReport:
-        """Return how firmly it stands.
+        """Return margins and natural frequencies, or the instability.
 
         Args:
-            film: of the film.
+            film: potential of the film.
         """
         held, unstable = self.solver.loads.losses_follow_shape, self.unstable
         if unstable is not None:
@@ -144,28 +144,28 @@ class RestingChain:
         section, frames, count = self.solver.section, self.frames, len(self.frames)
         (_, mode), motion, tip = self._lowest, self.motion, section.body.tip
         x = section.positions(frames, self.pressure_Pa)
-        given = replace(
+        pressed = replace(
             self.loads, pressure_Pa=(self.pressure_Pa,) * section.copies, gas=(), cable_length_m=()
         )
-        size = branching.DISTURBED * np.linalg.norm(nodal_loads(film, x, film.memory, given), axis=1)
+        size = branching.DISTURBED * np.linalg.norm(nodal_loads(film, x, film.memory, pressed), axis=1)
         disturbed = np.tensordot(size, motion, 1)[:, self._free]
         answers = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
         answer = np.linalg.solve(self._matrix, self._more_load(_STEP) / _STEP)
         step = np.zeros((count, 6))
         step.reshape(-1)[self._free] = answer
         moved, stiffness = np.empty_like(frames), []
-        for way in (-_STEP, _STEP):
-            change_frames(frames, step, way, moved)
-            loads, pressure = self._grown(way, moved)
-            there = replace(self, frames=moved, loads=loads, pressure_Pa=pressure)
-            stiffness.append(float(mode @ there._matrix @ mode))
+        for change in (-_STEP, _STEP):
+            change_frames(frames, step, change, moved)
+            loads, pressure = self._grown(change, moved)
+            changed = replace(self, frames=moved, loads=loads, pressure_Pa=pressure)
+            stiffness.append(float(mode @ changed._matrix @ mode))
         fall = (stiffness[0] - stiffness[1]) / (2.0 * _STEP)
         mass = self.mass[np.ix_(self._free, self._free)]
         pushed = is_driven(
             *(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer)))
         )
-        most = min(branching.MODES, len(mass)) - 1
-        values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, most))
+        last = min(branching.MODES, len(mass)) - 1
+        values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, last))
         modes = natural_frequencies(values.tolist())
         return branching.StabilityReport(
             modes[0], tip_displacement(np.arange(len(tip)), answers),
@@ -202,11 +202,11 @@ class RestingChain:
 
     def _more_load(self, change: float) -> Array:
         """Return the forces [N, N m] that loads grown by a fraction add on what can move."""
-        found = []
+        gradients = []
         for loads, pressure in (self._grown(0.0, self.frames), self._grown(change, self.frames)):
-            given = point_of(self.solver, self.frames, loads, pressure).loads
-            found.append(self.solver.evaluate(self.frames, given, pressure).ravel()[self._free])
-        return np.asarray(found[0] - found[1])
+            pulled = point_of(self.solver, self.frames, loads, pressure).loads
+            gradients.append(self.solver.evaluate(self.frames, pulled, pressure).ravel()[self._free])
+        return np.asarray(gradients[0] - gradients[1])
 
 
 def _slope(ends: Sequence[Slope]) -> Slope:

@@ -77,12 +77,12 @@ class ChainTangent:
 
     Args:
         solver: of the chain.
-        at: where it is taken.
+        at: frames, loads and pressure of the tangent.
         free: (f,) frames that can move.
         inertia: of an implicit step; None in statics.
 
     Raises:
-        TangentError: it is not positive definite at given tensions.
+        TangentError: it is not positive definite at constant tensions.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Implicit steps of a chain of frames, by the scheme of `cosim.soft.solve.state` on the frames' points."""
+"""Implicit steps of a chain of frames, by `cosim.soft.solve.step_scheme` on the frames' points."""
 
 from dataclasses import replace
 from typing import final
@@ -26,7 +26,7 @@ class ChainStepper:
 
     Args:
         solver: of the chain.
-        options: how steps are solved.
+        options: tolerances and damping of steps.
     """
 
     def __init__(self, solver: ChainSolver, options: StepOptions) -> None:
@@ -35,7 +35,7 @@ class ChainStepper:
         self._schemes: dict[tuple[float, bool], ChainScheme] = {}
 
     def scheme(self, step_s: float, *, first: bool) -> ChainScheme:
-        """Return how a step of some length [s] is solved; `first`: without a step before it."""
+        """Return the scheme of a step of some length [s]; `first`: without a step before it."""
         known = self._schemes.get((step_s, first))
         if known is None:
             options, coefficients = self._options, self._options.coefficients(step_s, first=first)
@@ -57,42 +57,42 @@ class ChainStepper:
         Args:
             task: of `task`.
             loads: at the end.
-            accuracy: how closely; `start` is of frames (f, 4, 3). As an ordinary step unless given.
+            accuracy: tolerance and start, frames (f, 4, 3); None for those of an ordinary step.
 
         Raises:
-            ConvergenceError: no solution; the caller still holds the chain.
+            ConvergenceError: no solution; `task.begin` is unchanged.
         """
         begin = task.begin
         assert begin is not None, "a step begins somewhere"
         for start in _STARTS if accuracy is None or accuracy.start is None else (accuracy.start, *_STARTS):
-            found = solve_loaded(self._solver, task, loads, start, begin.pressure_Pa)
-            if found.outcome is not Outcome.NOT_FINITE:
+            solution = solve_loaded(self._solver, task, loads, start, begin.pressure_Pa)
+            if solution.outcome is not Outcome.NOT_FINITE:
                 break
-        if found.outcome is not Outcome.CONVERGED:
-            raise self._failure(found, begin)
-        check_pressure(self._solver.section, found.pressure_Pa, found.residual_N, found.iterations)
-        if accuracy is not None and found.residual_N > accuracy.tolerance_N:
-            return self._closer(task, loads, accuracy, found)
-        return found
+        if solution.outcome is not Outcome.CONVERGED:
+            raise self._failure(solution, begin)
+        check_pressure(self._solver.section, solution.pressure_Pa, solution.residual_N, solution.iterations)
+        if accuracy is not None and solution.residual_N > accuracy.tolerance_N:
+            return self._closer(task, loads, accuracy, solution)
+        return solution
 
-    def _closer(self, task: ChainTask, loads: Loads, accuracy: StepAccuracy, found: ChainStep) -> ChainStep:
-        """Return a step solved as closely as asked for, or as it was found: rounding may leave no descent."""
+    def _closer(self, task: ChainTask, loads: Loads, accuracy: StepAccuracy, first: ChainStep) -> ChainStep:
+        """Return a step within the tolerance of `accuracy`, or `first` if rounding permits no better one."""
         _, fine = accuracy.newton(self._options)
         scheme = task.scheme._replace(tolerance_N=fine.tolerance_N, iterations_max=fine.iterations_max)
         task = task._replace(scheme=scheme)
-        closer = solve_loaded(self._solver, task, loads, found.frames, found.pressure_Pa)
-        if closer.residual_N <= found.residual_N:
-            return replace(closer, iterations=found.iterations + closer.iterations)
-        return found
+        closer = solve_loaded(self._solver, task, loads, first.frames, first.pressure_Pa)
+        if closer.residual_N <= first.residual_N:
+            return replace(closer, iterations=first.iterations + closer.iterations)
+        return first
 
-    def _failure(self, found: ChainStep, begin: ChainState) -> ConvergenceError:
-        """Return the error of a step that was not found: its model ends, or it has no other name."""
-        section, text = self._solver.section, f"the soft step did not converge: {found.outcome.value}"
-        ends = (place_in_range(section, x, found.pressure_Pa) for x in (found.frames, begin.frames))
+    def _failure(self, solution: ChainStep, begin: ChainState) -> ConvergenceError:
+        """Return the error of a step without solution: the end of the model's range, or no convergence."""
+        section, text = self._solver.section, f"the soft step did not converge: {solution.outcome.value}"
+        ends = (place_in_range(section, x, solution.pressure_Pa) for x in (solution.frames, begin.frames))
         end = max(ends, key=lambda place: place.fraction)
         if end.at_its_end:
             text = f"the section model ends here: {end.text}; {INSTEAD}"
-        text += f"; residual {found.residual_N:.3g} N after {found.iterations} iterations"
+        text += f"; residual {solution.residual_N:.3g} N after {solution.iterations} iterations"
         if end.at_its_end:
-            return OutOfRangeError(text, found.residual_N, found.iterations, end.text)
-        return ConvergenceError(text, found.residual_N, found.iterations)
+            return OutOfRangeError(text, solution.residual_N, solution.iterations, end.text)
+        return ConvergenceError(text, solution.residual_N, solution.iterations)

@@ -12,7 +12,7 @@ from cosim.reduced.section_model import SectionBody
 from cosim.reduced.sections.coefficients import BENT, HIGH, LOW
 
 _AT_ITS_END: Final = 0.95
-"""Fraction of the range from which on a solution that is not found is one that the model does not have."""
+"""Fraction of the range; if no solution is found beyond it, the reason is the end of the model."""
 _ROUNDING: Final = 1e-9
 _NO_STRETCH: Final = 1e-100  # a stretch over it is finite, and beyond any range
 INSTEAD: Final = "use fidelity = 'lumped', which has no such limit"
@@ -33,25 +33,25 @@ class PlaceInRange:
 
     @property
     def at_its_end(self) -> bool:
-        """Whether a step or an equilibrium that is not found there is one that the model does not have."""
+        """Whether the end of the model explains a step or an equilibrium without solution."""
         return self.fraction > _AT_ITS_END
 
 
 def place_in_range(
     section: SectionBody, frames: Array, pressure_Pa: float, *, bends_only: bool = False
 ) -> PlaceInRange:
-    """Return where the section is that uses most of its range.
+    """Return the place in the working range of the section that uses most of its range.
 
     Args:
         section: model.
         frames: (f, 4, 3).
         pressure_Pa: gauge.
-        bends_only: whether stretch does not count.
+        bends_only: whether to ignore stretch.
     """
     section.set_pressure(pressure_Pa)
     values, limits = section.frames.strains(frames), section.coefficients
     stretch = values[:, 2] * section.inverse_length - 1.0
-    # a spline through few pressures may leave its sign between them: no bend or stretch is within range there
+    # a spline through few pressures may change sign between them: there the range is empty
     bend_end = np.sqrt(np.maximum(limits[:, BENT], np.finfo(float).tiny))
     bend = np.hypot(values[:, 3], values[:, 4])
     stretch_end = np.where(
@@ -59,18 +59,18 @@ def place_in_range(
     )
     fractions = np.stack([np.where(bends_only, 0.0, stretch / stretch_end), bend / bend_end])
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
-    copy, at = divmod(worst, count := len(stretch) // section.frames.copies)
+    copy, index = divmod(worst, count := len(stretch) // section.frames.copies)
     names = ("flange", *section.body.frame_rings, "tip")
-    where = f"section {at + 1} of {count} ({names[at]} to {names[at + 1]})"
+    where = f"section {index + 1} of {count} ({names[index]} to {names[index + 1]})"
     if section.frames.copies > 1:
         where += f" of copy {copy + 1}"
     if kind:
-        what = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
+        state = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
     else:
         word = "shortened" if stretch[worst] < 0.0 else "stretched"
         value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
-        what = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
-    return PlaceInRange(float(fractions[kind, worst]), f"{where} {what} (at {1e-3 * pressure_Pa:.3g} kPa)")
+        state = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
+    return PlaceInRange(float(fractions[kind, worst]), f"{where} {state} (at {1e-3 * pressure_Pa:.3g} kPa)")
 
 
 def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, iterations: int) -> None:
@@ -79,8 +79,8 @@ def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, 
     Args:
         section: model.
         pressure_Pa: gauge, of the solution.
-        residual_N: of it.
-        iterations: that it took.
+        residual_N: of the solution.
+        iterations: spent on it.
 
     Raises:
         OutOfRangeError: it is beyond them.

@@ -162,6 +162,4 @@ class SearchEffort:
             place = f"{self.place}: " if self.place else ""
             tried = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
             count = self.spent + under_way
-            self.report(
-                f"{place}{tried}: {count} of at most {self._bound} Newton iterations so far"
-            )
+            self.report(f"{place}{tried}: {count} of at most {self._bound} Newton iterations so far")
