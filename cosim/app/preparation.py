@@ -58,7 +58,8 @@ def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: 
 def warm_up() -> None:
     """Compile all kernels that a run with an arm imports, called or not."""
     from cosim.base.compilation import compile_modules  # here: it loads the compiler
-    from cosim.build import arm_parts, simulation  # noqa: F401  # with all their imports
+    from cosim.build import arm_parts, section_models, simulation  # noqa: F401  # with all their imports
+    from cosim.coupling.robots import beam_robot  # noqa: F401
     from cosim.recording import film_colours  # noqa: F401
     from cosim.stepping import arm_carrier  # noqa: F401
 

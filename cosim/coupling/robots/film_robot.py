@@ -407,7 +407,7 @@ class FilmRobot(soft_robot.SoftRobot):
             return tension_search.find_tensions(self.equilibrium_solver, begin, target).equilibrium
 
     def tension_slope(self, equilibrium: Equilibrium, target: TipTarget) -> float:
-        """Return the change of tensions per error of the tip [N/m], see `tip_search`."""
+        """Return the change of tensions per error of the tip [N/m], see `tension_search`."""
         return tension_search.tension_slope(self.equilibrium_solver, equilibrium, target)
 
     def find_flange_pose(
