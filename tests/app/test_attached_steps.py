@@ -16,7 +16,7 @@ import pytest
 
 import cosim
 from cosim.errors import InputError
-from cosim.soft.solve import newton_options
+from cosim.soft.solve import tick_work
 
 LIGHT_MOUNT = """
 <mujoco>
@@ -297,7 +297,7 @@ def test_a_motion_too_fast_for_a_tick_ends_by_name_and_keeps_the_state_before_it
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A hand that jumps by 100 mm in 2 ms tears at the film: some 400 to 1000 new tangents unless bounded."""
-    monkeypatch.setattr(newton_options, "TICK_ITERATIONS_MAX", 100)
+    monkeypatch.setattr(tick_work, "TICK_ITERATIONS_MAX", 100)
     spec = mujoco.MjSpec.from_string(LED)
     pieces = {"start.pressure_Pa": 3e3, "contact.enabled": False}
     soft = cosim.attach(spec, "tool", "square_core", overrides=pieces)

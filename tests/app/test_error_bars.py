@@ -322,7 +322,7 @@ class Stops:
 
     def observe(self, batch: Any) -> None:
         """Interrupt once the second phase has begun."""
-        if batch.phase[0] and len(batch) < 20:
+        if batch.phase[0]:
             raise KeyboardInterrupt
 
     def close(self) -> None:
@@ -349,9 +349,10 @@ def test_a_finished_run_has_the_same_bars_in_memory_and_on_disk(arm: Path, tmp_p
 
 def test_a_resumed_run_has_bars_of_the_phases_before(arm: Path, tmp_path: Path) -> None:
     arm.write_text(ARM.replace("increments = 2\n", "") + PULL, encoding="utf-8")
-    whole, out = cosim.run(arm, overrides=SWING, error=False), tmp_path / "run"
+    long = SWING | {"phase.pull.duration_s": 3.0}  # of several batches
+    whole, out = cosim.run(arm, overrides=long, error=False), tmp_path / "run"
     with pytest.raises(cosim.RunInterrupted):
-        cosim.run(arm, overrides=SWING, error=False, out=out, observers=[Stops()])
+        cosim.run(arm, overrides=long, error=False, out=out, observers=[Stops()])
     assert main(["run", "--resume", str(out), "--no-error", "--quiet"]) == 0
     bars, wanted = cosim.error_bars(out).phases, cosim.error_bars(whole).phases
     assert [bars[k]["tip_m"] for k in (0, 1)] == pytest.approx([wanted[k]["tip_m"] for k in (0, 1)], rel=1e-6)

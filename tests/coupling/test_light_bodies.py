@@ -44,7 +44,7 @@ class Bounce(NamedTuple):
         ratio: (n,), contact ratio.
         momentum: (n, 3) [N s], at the end of the tick.
         impulse: (n, 3) [N s], of the film up to then, as a run shows the forces.
-        fine: (n,), whether a tick was taken in pieces.
+        fine: (n,), whether a tick had substeps.
     """
 
     height: Array
