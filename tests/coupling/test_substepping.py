@@ -115,8 +115,8 @@ def test_the_force_shown_of_a_tick_is_the_impulse_in_it() -> None:
     assert changes > 1  # the force that is left acts through a piece, or through a whole tick
 
 
-def test_the_force_on_a_body_at_rest_is_even_where_ticks_in_pieces_begin_and_end() -> None:
-    # it fell to a quarter in the last whole tick, and rose to nearly twice as much in the last one with substeps
+def test_the_force_on_a_body_at_rest_is_even_where_substeps_begin_and_end() -> None:
+    # it fell to a quarter in the last whole tick, and rose to nearly twice as much in the last with substeps
     here = CoupledGrasp(0.05, 4e-3, StaggeredCoupling, "bdf2", substeps=4)
     scene, cube = here.grasp.scene, here.grasp.scene.body_names.index("cube")
     servos = ServoCommands.without_payload(
