@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar, final
+from warnings import warn
 
 from cosim.base.frames import Array, Pose, Shown, Wrench
 
@@ -27,6 +28,18 @@ class RobotState:
     joint_torque: Array
     contact_force_N: Mapping[str, Array]
     body_pose: Mapping[str, Pose]
+
+    @property
+    def wrench(self) -> Wrench:
+        """Former name of `flange_wrench`."""
+        warn("RobotState.wrench: is RobotState.flange_wrench now", DeprecationWarning, stacklevel=2)
+        return self.flange_wrench
+
+    @property
+    def contact_force(self) -> Mapping[str, Array]:
+        """Former name of `contact_force_N`."""
+        warn("RobotState.contact_force: is RobotState.contact_force_N now", DeprecationWarning, stacklevel=2)
+        return self.contact_force_N
 
 
 @final

@@ -74,7 +74,7 @@ def test_the_kept_factorisation_and_the_step_before_are_parts_of_the_state(integ
     if integrator == "bdf2":
         state = replace(state, soft=replace(state.soft, earlier=None))
     else:
-        state = replace(state, newton=replace(state.newton, kept=None, factor=None))
+        state = replace(state, newton=replace(state.newton, key=None, factor=None))
     arm.full_state = state
     assert not same(swung(arm, 20, 32), expected)
 

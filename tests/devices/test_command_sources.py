@@ -46,7 +46,7 @@ class Lean(ChangedCommands):
 
     def changed(self, command: RobotCommand, step: StepToTake, see: Callable[[], RobotState]) -> RobotCommand:
         position = command.joints.position.copy()
-        position[0] += 0.01 * float(see().wrench.force[2] < 0.0)
+        position[0] += 0.01 * float(see().flange_wrench.force[2] < 0.0)
         return replace(command, joints=replace(command.joints, position=position))
 
 
