@@ -15,12 +15,15 @@ import cosim
 import cosim.gym
 from cosim import Batch, Command, Controller, Measurement, Simulation
 from cosim.app.run_follower import Observer
+from cosim.build import section_models
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
 from tests.app.test_live_commands import ARM, SEALED, held, standing
 from tests.app.test_users_body import SCENARIO
 from tests.devices import device_parts
 from tests.fuzz.arrays import arrays_of, state_content, write_to_all
+from tests.small_section import on_a_ur5e
+from tests.small_section import section as small_section
 from tests.soft.own_tube import tube
 
 
@@ -34,8 +37,13 @@ def arm(_: Path) -> Simulation:
     return standing()
 
 
-def section(_: Path) -> Simulation:
-    return Simulation("ur5e_hexagon_arm", overrides={**ARM, "fidelity": "section"})
+def section(folder: Path) -> Simulation:
+    path = folder / "arm.toml"
+    path.write_text(on_a_ur5e(25e3, ""), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        patch.setattr(section_models, "build_model", lambda *_: small_section().model)
+        return Simulation(path, overrides={**ARM, "fidelity": "section"})
 
 
 def touching(_: Path) -> Simulation:

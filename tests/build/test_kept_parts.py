@@ -135,7 +135,15 @@ def test_a_change_touches_what_it_would_touch_in_a_new_simulation(
 ) -> None:
     alone = seen(Simulation(scenario, overrides=changes))
     assert seen(Simulation(scenario, overrides=changes, kept=kept)) == alone
-    assert seen(Simulation(scenario, overrides=changes, kept=kept)) == alone  # everything is taken over
+
+
+@pytest.mark.parametrize("changes", CHANGES[:4], ids=lambda changes: " ".join(changes) or "none")
+def test_where_nothing_changes_everything_is_used_again(
+    changes: dict[str, Any], scenario: cosim.Scenario
+) -> None:
+    kept = KeptParts()
+    first = seen(Simulation(scenario, overrides=changes, kept=kept))
+    assert seen(Simulation(scenario, overrides=changes, kept=kept)) == first
 
 
 @pytest.mark.parametrize(

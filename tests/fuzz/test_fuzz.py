@@ -19,11 +19,11 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize(
     ("kind", "count", "refused"),
     [
-        ("load", 300, "refused when loaded"),
-        ("build", 40, "refused when loaded"),
-        ("check", 120, "refused when loaded"),
+        ("load", 150, "refused when loaded"),
+        ("build", 20, "refused when loaded"),
+        ("check", 60, "refused when loaded"),
         ("results", 24, "refused"),
-        ("checkpoints-statics", 40, "refused"),
+        ("checkpoints-statics", 20, "refused"),
         ("live-film", 8, "most of it refused"),
         ("live-devices", 8, "most of it refused"),
         ("live-arm", 8, "most of it refused"),
