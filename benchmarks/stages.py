@@ -5,7 +5,7 @@
 A run states the wall time of its stages in summary.json, and that of each tick among its results. CPU time of
 the command, all threads, is divided in proportion to these, since other work on the machine delays all stages
 alike. Start-up is from the command to the first tick, "recording, files" what is left: summary, recording and
-files, within the loop and after it. "one value changed" plans anew, all else is in the caches: the first run
+files, within the loop and after it. "one value changed" plans again, all else is in the caches: the first run
 of each command fills them and does not count. The least of the repeats counts, as other work only adds.
 """
 

@@ -95,7 +95,7 @@ def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> 
 
 
 def _table(header: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return a table of a header; an empty one if there is none."""
+    """Return a table of a header, empty where the header has no such table."""
     table = header.get(key)
     return table if isinstance(table, dict) else {}
 

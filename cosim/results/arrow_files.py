@@ -125,7 +125,7 @@ def _description(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str
     """Return the description in metadata.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: the file is missing or damaged.
     """
     if metadata is None or _OWN not in metadata:
         raise InputError(f"{path}: was not written by cosim")

@@ -84,7 +84,7 @@ def overlap_line(summary: dict[str, Any]) -> str:
 
 
 def error_line(summary: dict[str, Any]) -> str:
-    """Return the largest error bar of each figure over the phases, or why there is none."""
+    """Return the largest error bar of each figure over the phases, or why bars are missing."""
     rows = [(phase["name"], phase["error"]) for phase in summary["phases"] if phase["error"] is not None]
     texts = []
     for key, (name, unit, scale) in BARS.items():

@@ -78,7 +78,7 @@ class QuasiNewton:
 
 @final
 class FlangeLoad:
-    """Converts the wrench on the flange to and from a vector (6,) of force and torque / lever, world axes.
+    """Converts the wrench on the flange to and from a vector (6,): force, torque / lever, world axes.
 
     The vector is about the flange's origin at the start of the tick, a fixed point.
 
@@ -253,7 +253,7 @@ class InterfaceIteration:
             self.inverse = quasi_newton.inverse(self._scale)
 
     def _initial_inverse(self) -> Array:
-        """Return the last tick's inverse (6, 6); -(1 + h^2 c m W)^-1 if there is none, or it has failed."""
+        """Return the last tick's inverse (6, 6); -(1 + h^2 c m W)^-1 in a first tick or after many trials."""
         if self.inverse is not None and self.trials < _RENEWED_AFTER:
             return self.inverse
         interface, step_s = self._interface, self._interface.scene.tick_s

@@ -62,7 +62,7 @@ def _parts(graph: Graph, nodes: IntArray, far: Mask) -> list[IntArray]:
 
 
 def _best_cut(graph: Graph, far: Mask) -> Mask | None:
-    """Return the nodes of the best cut of a connected graph; None if there is none."""
+    """Return the nodes of the best cut of a connected graph; None for a graph without a cut."""
     row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
     order = _order(graph, row, far)
     end = max(1, int(_END * len(order)))

@@ -30,7 +30,7 @@ class PatternRows(NamedTuple):
 
 @device_function
 def find_block(rows: PatternRows, one: int, two: int) -> int:
-    """Return the index of the block that couples two nodes; the number of blocks if there is none."""
+    """Return the index of the block that couples two nodes; the number of blocks for uncoupled nodes."""
     row, wanted = max(one, two), min(one, two)
     low, high, end = rows.first[row], rows.first[row + 1], rows.first[row + 1]
     while low < high:
