@@ -30,7 +30,7 @@ _RIDGE = 1e-5  # penalty on coefficients, scaled by their effect in the samples
 _FINER_RIDGE, _FINER_RISE = 0.1, 3.0
 # weight of second differences over pressure; of the first one, where films with little gas hardly resist
 _SMOOTHING, _FIRST_SMOOTHING = 3e-4, 1e-3
-_HELD_OUT = 8  # one of so many samples is not fitted, but tests the fit
+_HELD_OUT = 8  # one of this many samples is left out of the fit, to test it
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
 _ALIKE = 1e-2  # relative difference of equal sections
 _LEAST_SCALE = 3e-2  # of a function of gaps, over its largest scale at any pressure
@@ -61,27 +61,28 @@ def fit_model(
         coarse: model of the same stack on a coarser mesh; its range is adopted, and its energy is corrected
             by the samples. None: the samples determine all.
     """
-    over = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
+    spline_basis = np.array([spline.basis(p) for p in samples.pressure_Pa])  # (m, 2, size)
     levels = np.unique(samples.pressure_Pa)
     at_levels = np.array([spline.basis(p)[0] for p in levels])
     if coarse is None:
         length = np.linalg.lstsq(at_levels, samples.length_m, rcond=None)[0]
-        known, limits = np.zeros((*length.shape, COEFFICIENTS)), _limits(samples, length, over[:, 0])
+        prior_energy = np.zeros((*length.shape, COEFFICIENTS))
+        limits = _limits(samples, length, spline_basis[:, 0])
         ridge = np.full(COEFFICIENTS, _RIDGE)
     else:
-        length, known, limits = coarse.length, *np.split(coarse.energy, [COEFFICIENTS], axis=2)
+        length, prior_energy, limits = coarse.length, *np.split(coarse.energy, [COEFFICIENTS], axis=2)
         ridge = _FINER_RIDGE * _FINER_RISE ** np.array(DEGREES)
-    energy, off = known.copy(), np.empty_like(samples.strain)
-    start = _Start(over[:, 0], length, known, ridge, frames.rims)
+    energy, force_errors = prior_energy.copy(), np.empty_like(samples.strain)
+    start = _Start(spline_basis[:, 0], length, prior_energy, ridge, frames.rims)
     for group in _alike(frames.rims, samples.length_m):
-        energy[:, group], off[:, group] = _fit_sections(samples, group, start)
+        energy[:, group], force_errors[:, group] = _fit_sections(samples, group, start)
     return SectionModel(
         spline,
         np.concatenate([energy, limits], axis=2),
         length,
-        _fit_gas(samples, over, energy, start),
-        _fit_nodes(samples, frames, over[:, 0]),
-        _held_out(samples, off),
+        _fit_gas(samples, spline_basis, energy, start),
+        _fit_nodes(samples, frames, spline_basis[:, 0]),
+        _held_out(samples, force_errors),
         len(samples.pressure_Pa),
         samples.failures,
     )
@@ -92,41 +93,45 @@ def _is_held_out(samples: Samples) -> Mask:
     return np.arange(len(samples.pressure_Pa)) % _HELD_OUT == _HELD_OUT - 1
 
 
-def _held_out(samples: Samples, off: Array) -> Array:
+def _held_out(samples: Samples, force_errors: Array) -> Array:
     """Return the errors (pressures, 5, 2) of forces in held-out samples, see `SectionModel.held_out`.
 
     Args:
         samples: all samples.
-        off: (m, s, 6), errors of the forces of sections.
+        force_errors: (m, s, 6), of the sections.
     """
     # samples of the free shape, without forces, are ignored
-    apart, rows = _is_held_out(samples) & samples.force.any(axis=(1, 2)), []
+    is_held_out, rows = _is_held_out(samples) & samples.force.any(axis=(1, 2)), []
     for level in np.unique(samples.pressure_Pa):
-        here = samples.pressure_Pa == level
+        at_level = samples.pressure_Pa == level
         row = [level]
         for group in _GROUPS:
-            usual = float(np.sqrt((samples.force[here][:, :, group] ** 2).sum(axis=2).mean()))
-            error = np.linalg.norm(off[here & apart][:, :, group], axis=2) / max(usual, 1e-12)
+            rms = float(np.sqrt((samples.force[at_level][:, :, group] ** 2).sum(axis=2).mean()))
+            error = np.linalg.norm(force_errors[at_level & is_held_out][:, :, group], axis=2) / max(
+                rms, 1e-12
+            )
             row += [float(np.median(error)), float(error.max())] if error.size else [np.nan, np.nan]
         rows.append(row)
     return np.array(rows)
 
 
-def _limits(samples: Samples, length: Array, over: Array) -> Array:
+def _limits(samples: Samples, length: Array, spline_basis: Array) -> Array:
     """Return splines (size, s, 3) of the limits of a section's strains, a little beyond its samples."""
-    stretch = samples.strain[:, :, 2] / (over @ length) - 1.0
+    stretch = samples.strain[:, :, 2] / (spline_basis @ length) - 1.0
     bend = (samples.strain[:, :, 3:5] ** 2).sum(axis=2)
-    rows = []
+    limits = []
     for level in np.unique(samples.pressure_Pa):
-        chosen = samples.pressure_Pa == level
-        low, high = stretch[chosen].min(axis=0), stretch[chosen].max(axis=0)
+        at_level = samples.pressure_Pa == level
+        low, high = stretch[at_level].min(axis=0), stretch[at_level].max(axis=0)
         margin = _BEYOND * (high - low)
-        rows.append(
-            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[chosen].max(axis=0)], axis=1)
+        limits.append(
+            np.stack([low - margin, high + margin, _FARTHEST_BEND**2 * bend[at_level].max(axis=0)], axis=1)
         )
-    at_levels = np.array([over[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)])
-    splines = np.linalg.lstsq(at_levels, np.array(rows).reshape(len(rows), -1), rcond=None)[0]
-    return np.asarray(splines.reshape(over.shape[1], -1, 3))
+    level_basis = np.array(
+        [spline_basis[samples.pressure_Pa == level][0] for level in np.unique(samples.pressure_Pa)]
+    )
+    splines = np.linalg.lstsq(level_basis, np.array(limits).reshape(len(limits), -1), rcond=None)[0]
+    return np.asarray(splines.reshape(spline_basis.shape[1], -1, 3))
 
 
 def _alike(rims: Array, length_m: Array) -> list[list[int]]:
@@ -134,8 +139,8 @@ def _alike(rims: Array, length_m: Array) -> list[list[int]]:
     groups: list[list[int]] = []
     for s, rim in enumerate(rims):
         for group in groups:
-            same = np.allclose(length_m[:, s], length_m[:, group[0]], rtol=_ALIKE)
-            if rim.any() and same and np.allclose(rim, rims[group[0]], rtol=_ALIKE):
+            same_length = np.allclose(length_m[:, s], length_m[:, group[0]], rtol=_ALIKE)
+            if rim.any() and same_length and np.allclose(rim, rims[group[0]], rtol=_ALIKE):
                 group.append(s)
                 break
         else:
@@ -149,16 +154,16 @@ class _Start:
     """Initial values of a fit.
 
     Args:
-        over: (m, size), functions of the spline at the samples.
+        spline_basis: (m, size), functions of the spline at the samples.
         length: (size, s) [m], L.
-        known: (size, s, COEFFICIENTS), coefficients from which the fit deviates as little as possible.
+        prior: (size, s, COEFFICIENTS), coefficients from which the fit deviates as little as possible.
         ridge: (COEFFICIENTS,), penalty on a deviation.
         rims: (s, n, 2) [m], see `RingFrames.rims`.
     """
 
-    over: Array
+    spline_basis: Array
     length: Array
-    known: Array
+    prior: Array
     ridge: Array
     rims: Array
 
@@ -167,29 +172,31 @@ class _Start:
         strain = np.ascontiguousarray(samples.strain[:, s])
         values = np.zeros((len(strain), COEFFICIENTS))
         gradients = np.zeros((len(strain), 6, COEFFICIENTS))
-        basis(strain, 1.0 / (self.over @ self.length[:, s]), self.rims[s], values, gradients)
+        basis(strain, 1.0 / (self.spline_basis @ self.length[:, s]), self.rims[s], values, gradients)
         return values, gradients
 
     def rows(self, samples: Samples, s: int) -> Array:
         """Return derivatives (m, 6, size (c - 1)) of a section's forces by non-constant coefficients."""
         gradients = self.terms(samples, s)[1][:, :, None, 1:]
-        return np.asarray((gradients * self.over[:, None, :, None]).reshape(len(self.over), 6, -1))
+        return np.asarray(
+            (gradients * self.spline_basis[:, None, :, None]).reshape(len(self.spline_basis), 6, -1)
+        )
 
 
 def _fit_sections(samples: Samples, group: list[int], start: _Start) -> tuple[Array, Array]:
     """Return common coefficients (size, 1, c) of sections, and errors of their forces (m, g, 6)."""
-    size, known = start.over.shape[1], start.known[:, group[0]]
-    fitted, unknown = ~_is_held_out(samples), size * (COEFFICIENTS - 1)
+    size, prior = start.spline_basis.shape[1], start.prior[:, group[0]]
+    is_fitted, unknown = ~_is_held_out(samples), size * (COEFFICIENTS - 1)
     normal, load = np.zeros((unknown, unknown)), np.zeros(unknown)
-    left = np.empty((len(fitted), len(group), 6))
+    unexplained_force = np.empty((len(is_fitted), len(group), 6))
     for k, s in enumerate(group):
-        rows, force = start.rows(samples, s), samples.force[:, s]
-        left[:, k] = force - rows @ known[:, 1:].ravel()
+        force_derivatives, force = start.rows(samples, s), samples.force[:, s]
+        unexplained_force[:, k] = force - force_derivatives @ prior[:, 1:].ravel()
         weight = _weights(samples.pressure_Pa, force)
-        matrix = (rows * weight[:, :, None])[fitted].reshape(-1, unknown)
+        matrix = (force_derivatives * weight[:, :, None])[is_fitted].reshape(-1, unknown)
         normal += matrix.T @ matrix
-        load += matrix.T @ (left[:, k] * weight)[fitted].ravel()
-    count = 6 * int(fitted.sum()) * len(group)
+        load += matrix.T @ (unexplained_force[:, k] * weight)[is_fitted].ravel()
+    count = 6 * int(is_fitted.sum()) * len(group)
     scale = np.sqrt(np.diag(normal) / count).reshape(size, -1)
     # a function of gaps without samples at a pressure remains close to that at the next pressure
     gaps = scale[:, POLYNOMIAL - 1 :]
@@ -198,10 +205,10 @@ def _fit_sections(samples: Samples, group: list[int], start: _Start) -> tuple[Ar
     system = normal / np.outer(scale, scale) + count * np.diag(np.tile(start.ridge[1:], size))
     system += count * _roughness(scale, size)
     solution = np.linalg.solve(system, load / scale) / scale
-    coefficients = known.copy()
+    coefficients = prior.copy()
     coefficients[:, 1:] += solution.reshape(size, -1)
-    off = np.stack([start.rows(samples, s) @ solution for s in group], axis=1) - left
-    return coefficients[:, None], off
+    force_errors = np.stack([start.rows(samples, s) @ solution for s in group], axis=1) - unexplained_force
+    return coefficients[:, None], force_errors
 
 
 def _roughness(scale: Array, size: int) -> Array:
@@ -211,16 +218,16 @@ def _roughness(scale: Array, size: int) -> Array:
     Source: Eilers and Marx, Statistical Science 11 (1996) 89.
     """
     terms = len(scale) // size
-    usual = scale.reshape(size, terms).mean(axis=0)
+    mean_scale = scale.reshape(size, terms).mean(axis=0)
     second = np.sqrt(_SMOOTHING) * np.diff(np.eye(size), n=2, axis=0)
     second[0] *= np.sqrt(_FIRST_SMOOTHING / _SMOOTHING)
-    full = np.einsum("ik,c->ikc", second, usual)
+    scaled_difference = np.einsum("ik,c->ikc", second, mean_scale)
     # the unknowns are coefficients times their own scale
-    penalty = np.einsum("ikc,ilc->kcl", full, full)
-    result = np.zeros((size, terms, size, terms))
+    penalty = np.einsum("ikc,ilc->kcl", scaled_difference, scaled_difference)
+    roughness = np.zeros((size, terms, size, terms))
     for c in range(terms):
-        result[:, c, :, c] = penalty[:, c]
-    return np.asarray(result.reshape(len(scale), -1) / np.outer(scale, scale))
+        roughness[:, c, :, c] = penalty[:, c]
+    return np.asarray(roughness.reshape(len(scale), -1) / np.outer(scale, scale))
 
 
 def _weights(pressure: Array, force: Array) -> Array:
@@ -230,65 +237,67 @@ def _weights(pressure: Array, force: Array) -> Array:
     """
     weight = np.empty_like(force)
     for level in np.unique(pressure):
-        here = pressure == level
+        at_level = pressure == level
         for group in _GROUPS:
-            size = np.linalg.norm(force[here][:, group], axis=1)
-            usual = max(float(np.sqrt((size**2).mean())), 1e-12)
-            least = usual if group == [2] else _LEAST_SIZE * usual
-            weight[np.ix_(np.flatnonzero(here), np.array(group))] = (1.0 / np.hypot(size, least))[:, None]
+            size = np.linalg.norm(force[at_level][:, group], axis=1)
+            rms = max(float(np.sqrt((size**2).mean())), 1e-12)
+            floor = rms if group == [2] else _LEAST_SIZE * rms
+            weight[np.ix_(np.flatnonzero(at_level), np.array(group))] = (1.0 / np.hypot(size, floor))[:, None]
     return weight
 
 
-def _fit_gas(samples: Samples, over: Array, energy: Array, start: _Start) -> Array:
+def _fit_gas(samples: Samples, spline_basis: Array, energy: Array, start: _Start) -> Array:
     """Return the potential (size,) whose negative slope is the volume that is not in the sections' energy."""
-    left = samples.volume_m3.copy()
+    remaining_volume_m3 = samples.volume_m3.copy()
     for s in range(energy.shape[1]):
-        reach = over[:, 0] @ start.length[:, s]
+        length_m = spline_basis[:, 0] @ start.length[:, s]
         values, gradients = start.terms(samples, s)
-        rate = np.einsum("mk,kc->mc", over[:, 1], energy[:, s])
-        now = np.einsum("mk,kc->mc", over[:, 0], energy[:, s])
+        coefficient_slopes = np.einsum("mk,kc->mc", spline_basis[:, 1], energy[:, s])
+        coefficients = np.einsum("mk,kc->mc", spline_basis[:, 0], energy[:, s])
         # dF/dL at fixed strains: z = u_3 / L - 1, of the polynomial alone
-        slope = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], now[:, :POLYNOMIAL])
-        along = slope * samples.strain[:, s, 2] / reach
-        left += np.einsum("mc,mc->m", values, rate) - along * (over[:, 1] @ start.length[:, s])
+        slope = np.einsum("mc,mc->m", gradients[:, 2, :POLYNOMIAL], coefficients[:, :POLYNOMIAL])
+        energy_by_length = slope * samples.strain[:, s, 2] / length_m
+        remaining_volume_m3 += np.einsum("mc,mc->m", values, coefficient_slopes) - energy_by_length * (
+            spline_basis[:, 1] @ start.length[:, s]
+        )
     # the slope of a spline determines its coefficients up to a constant
-    return np.asarray(np.linalg.lstsq(-over[:, 1], left, rcond=None)[0])
+    return np.asarray(np.linalg.lstsq(-spline_basis[:, 1], remaining_volume_m3, rcond=None)[0])
 
 
-def _fit_nodes(samples: Samples, frames: RingFrames, over: Array) -> Array:
-    """Return weights (size, n, 2, 4) of nodes as combinations of the points of the two frames beside them."""
-    count, size = samples.positions.shape[1], over.shape[1]
-    result = np.zeros((size, count, 2, 4))
+def _fit_nodes(samples: Samples, frames: RingFrames, spline_basis: Array) -> Array:
+    """Return weights (size, n, 2, 4): nodes as combinations of the points of the two frames next to them."""
+    count, size = samples.positions.shape[1], spline_basis.shape[1]
+    node_weights = np.zeros((size, count, 2, 4))
     for s in range(len(frames) - 1):
         first, second = samples.frames[:, s], samples.frames[:, s + 1]
         for fraction, columns in ((0.0, [1, 2, 3]), (1.0, [5, 6, 7]), (None, [1, 2, 3, 4, 5, 6, 7])):
-            chosen = frames.before == s
-            chosen &= (
+            mask = frames.before == s
+            mask &= (
                 (frames.fraction == fraction)
                 if fraction is not None
                 else ((frames.fraction > 0.0) & (frames.fraction < 1.0))
             )
-            if not chosen.any():
+            if not mask.any():
                 continue
             origin = second[:, 0] if fraction == 1.0 else first[:, 0]
             features = np.concatenate(
                 [first[:, 1:], (second[:, 0] - first[:, 0])[:, None], second[:, 1:]], axis=1
             )[:, [c - 1 for c in columns]]
-            rows = np.einsum("mk,mfr->mrkf", over, features).reshape(3 * len(over), -1)
-            wanted = (
-                (samples.positions[:, chosen] - origin[:, None]).transpose(0, 2, 1).reshape(len(rows), -1)
+            design = np.einsum("mk,mfr->mrkf", spline_basis, features).reshape(3 * len(spline_basis), -1)
+            targets = (
+                (samples.positions[:, mask] - origin[:, None]).transpose(0, 2, 1).reshape(len(design), -1)
             )
-            normal = rows.T @ rows
+            normal = design.T @ design
             normal += 1e-7 * np.diag(np.diag(normal)) + 1e-12 * np.eye(len(normal))
-            found = np.linalg.solve(normal, rows.T @ wanted).reshape(size, len(columns), -1)
-            weights = np.zeros((size, int(chosen.sum()), 8))
-            weights[:, :, columns] = found.transpose(0, 2, 1)
+            coefficients = np.linalg.solve(normal, design.T @ targets).reshape(size, len(columns), -1)
+            weights = np.zeros((size, int(mask.sum()), 8))
+            weights[:, :, columns] = coefficients.transpose(0, 2, 1)
             # partition of unity, for all pressures: the sum of the spline's functions is one
             weights[:, :, 0] = 1.0 - weights[:, :, 4]
             if fraction == 1.0:
                 weights[:, :, 0], weights[:, :, 4] = 0.0, 1.0
-            result[:, chosen] = weights.reshape(size, -1, 2, 4)
-    return _centred(result, frames)
+            node_weights[:, mask] = weights.reshape(size, -1, 2, 4)
+    return _centred(node_weights, frames)
 
 
 def _centred(nodes: Array, frames: RingFrames) -> Array:
@@ -378,18 +387,20 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
     )
     tips = []
     for pressure in (fraction * model.spline.largest_Pa for fraction in _COMPARED):
-        hanging = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))
-        here = straight = solver.follow(straight, Pose(), hanging)
+        hanging_loads = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))
+        hanging_film = straight = solver.follow(straight, Pose(), hanging_loads)
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
             gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))
             try:
-                here = solver.follow(
-                    here, Pose(), replace(here.loads, cable_tension_N=tension, gravity=gravity)
+                hanging_film = solver.follow(
+                    hanging_film,
+                    Pose(),
+                    replace(hanging_film.loads, cable_tension_N=tension, gravity=gravity),
                 )
             except ConvergenceError:
                 break
-            tips += [(pressure, *off) for off in _tip_off(chain, here, pressure)]
+            tips += [(pressure, *comparison) for comparison in _tip_off(chain, hanging_film, pressure)]
     return np.array(tips).reshape(-1, 3)
 
 

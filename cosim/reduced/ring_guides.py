@@ -41,18 +41,18 @@ class RingGroup:
         sizes = np.array([len(ring) for ring in frames.rings])
         for size in np.unique(sizes[sizes > 0]):
             frame = np.flatnonzero(sizes == size)
-            places = [_pairs(pattern, frames.rings[f]) for f in frame]
-            slots, row, column = (np.array(part) for part in zip(*places, strict=True))
+            pairs = [_pairs(pattern, frames.rings[f]) for f in frame]
+            slots, row, column = (np.array(column_of_table) for column_of_table in zip(*pairs, strict=True))
             groups.append(cls(frame, np.array([frames.rings[f] for f in frame]), slots, row, column))
         return tuple(groups)
 
 
 def _pairs(pattern: BlockPattern, ring: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Return (block, index of the row's node, index of the column's node) of all pairs in a ring."""
-    place = np.full(pattern.nodes, -1, dtype=np.int64)
-    place[ring] = np.arange(len(ring))
-    slots = np.flatnonzero((place[pattern.row] >= 0) & (place[pattern.column] >= 0))
-    return slots, place[pattern.row[slots]], place[pattern.column[slots]]
+    index_in_ring = np.full(pattern.nodes, -1, dtype=np.int64)
+    index_in_ring[ring] = np.arange(len(ring))
+    slots = np.flatnonzero((index_in_ring[pattern.row] >= 0) & (index_in_ring[pattern.column] >= 0))
+    return slots, index_in_ring[pattern.row[slots]], index_in_ring[pattern.column[slots]]
 
 
 @final
@@ -75,8 +75,8 @@ class RingGuides:
         self._measures = [np.array([measures[f] for f in group.frame]) for group in groups]
         self._centers = [wanted[1 + group.frame, 0] for group in groups]
         self._blocks = [
-            np.einsum("kpar,kpas->kprs", weighted, other)
-            for weighted, other in (
+            np.einsum("kpar,kpas->kprs", weighted, measure)
+            for weighted, measure in (
                 (_chosen(stiffness[:, None, None] * m, group.row), _chosen(m, group.column))
                 for m, group in zip(self._measures, groups, strict=True)
             )
@@ -87,10 +87,10 @@ class RingGuides:
         energy = 0.0
         parts = zip(self._groups, self._measures, self._centers, self._blocks, strict=True)
         for group, measure, center, stiffness in parts:
-            off = np.einsum("kamr,kmr->ka", measure, positions[group.nodes])
-            off[:, :3] -= center
-            pull = self._stiffness * off
-            energy += 0.5 * float((pull * off).sum())
+            deviation = np.einsum("kamr,kmr->ka", measure, positions[group.nodes])
+            deviation[:, :3] -= center
+            pull = self._stiffness * deviation
+            energy += 0.5 * float((pull * deviation).sum())
             sums.gradient[group.nodes] += np.einsum("ka,kamr->kmr", pull, measure)
             if hessian:
                 sums.blocks[group.slots] += stiffness
@@ -103,6 +103,6 @@ class RingGuides:
         return -pull
 
 
-def _chosen(measure: Array, place: IntArray) -> Array:
+def _chosen(measure: Array, index_in_ring: IntArray) -> Array:
     """Return the measures (k, pairs, 6, 3) of the nodes with indices (k, pairs) in each ring."""
-    return np.asarray(measure.transpose(0, 2, 1, 3)[np.arange(len(place))[:, None], place])
+    return np.asarray(measure.transpose(0, 2, 1, 3)[np.arange(len(index_in_ring))[:, None], index_in_ring])

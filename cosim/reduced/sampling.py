@@ -31,7 +31,7 @@ _ALMOST_STRAIGHT = 15  # first samples at each pressure
 _HALF_STIFF_Pa = 2e3  # at lower pressure samples are shortened less: a film without gas has no free length
 _LEAST_STEP = 0.1  # smallest load step to a sample
 _REUSE_MAX, _REUSE_BELOW_N = 8, 0.01  # reuse of factorisations on a refined mesh, near an equilibrium
-_FINER_OF = 5  # one of so many poses is sampled on the refined mesh as well
+_FINER_OF = 5  # one of this many poses is also sampled on the refined mesh
 _CRUMPLED_Pa = 500.0  # below this pressure bent films of a refined mesh are not sampled
 _COUPLING_N_m = 1e-9  # stiffness of rings that are added only for their blocks in the tangent
 # far above a section's stiffness in bending and length, so that it reaches the wanted pose; below it in shear
@@ -115,18 +115,18 @@ class Sampler:
             seed: of the random poses.
         """
         random = np.random.default_rng(seed)
-        free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
-        longest = self._still_lengths(free, work.pressures_Pa[-1])
+        unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        longest = self._still_lengths(unloaded, work.pressures_Pa[-1])
         rows: list[Sample] = []
         lengths, failures = [], 0
         for pressure in work.pressures_Pa:
-            free = self._solver.follow(free, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
-            rows.append(self._sample(free))
-            range_m = self._lengths(free, longest, work)
+            unloaded = self._solver.follow(unloaded, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
+            rows.append(self._sample(unloaded))
+            range_m = self._lengths(unloaded, longest, work)
             lengths.append(0.5 * (range_m.low + range_m.high))
-            for wanted in Poses(range_m, self._radii, self._frames.rims, work).draw(random):
+            for wanted_strains in Poses(range_m, self._radii, self._frames.rims, work).draw(random):
                 try:
-                    rows.append(self._guided(free, wanted))
+                    rows.append(self._guided(unloaded, wanted_strains))
                 except ConvergenceError:
                     failures += 1
         return Samples.of(rows, np.array(lengths), failures)
@@ -142,21 +142,21 @@ class Sampler:
             parents: (n, 2) nodes of the coarser mesh; each node is halfway between two.
         """
         # near starts allow reuse; on the coarse mesh it leads crumpled films to other equilibria
-        near = replace(self._solver.options, reuse_max=_REUSE_MAX, reuse_below_N=_REUSE_BELOW_N)
-        self._solver.options = near
-        free = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
-        rows, failures, off = list[Sample](), 0, np.zeros_like(free.state.positions)
+        near_start_options = replace(self._solver.options, reuse_max=_REUSE_MAX, reuse_below_N=_REUSE_BELOW_N)
+        self._solver.options = near_start_options
+        unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        rows, failures, mesh_difference = list[Sample](), 0, np.zeros_like(unloaded.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
-            first, *others = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()
-            shape = coarse.positions[first][parents].mean(axis=1)
-            free = self._freed(free, pressure, shape + off)
-            rows.append(self._sample(free))
-            off = free.state.positions - shape
-            end = len(others) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
-            for k in others[level % _FINER_OF : end : _FINER_OF]:
+            straight_sample, *bent_samples = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()
+            shape = coarse.positions[straight_sample][parents].mean(axis=1)
+            unloaded = self._freed(unloaded, pressure, shape + mesh_difference)
+            rows.append(self._sample(unloaded))
+            mesh_difference = unloaded.state.positions - shape
+            end = len(bent_samples) if pressure > _CRUMPLED_Pa else _ALMOST_STRAIGHT
+            for k in bent_samples[level % _FINER_OF : end : _FINER_OF]:
                 start = coarse.positions[k][parents].mean(axis=1)
                 try:
-                    rows.append(self._near(free, coarse.target[k], start))
+                    rows.append(self._near(unloaded, coarse.target[k], start))
                 except ConvergenceError:
                     failures += 1
         return Samples.of(rows, coarse.length_m, failures)
@@ -177,18 +177,23 @@ class Sampler:
 
     def _lengths(self, free: state.Equilibrium, longest: Array, work: WorkingRange) -> Lengths:
         """Return the lengths to sample at a pressure."""
-        still = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
+        free_length = strains(*self._pairs(self._frames.fit(free.state.positions, Pose())))[:, 2]
         force = np.zeros_like(free.state.positions)
         force[self._body.tip, 2] = work.tension_N / len(self._body.tip)
         pulled = self._solver.follow(free, Pose(), replace(free.loads, nodal_force=force))
-        long = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
+        pulled_length = strains(*self._pairs(self._frames.fit(pulled.state.positions, Pose())))[:, 2]
         pressure = free.loads.pressures(1)[0]
         shortened = work.compression * pressure / (pressure + _HALF_STIFF_Pa)
         if self._frames.rims.size:  # without such samples the fitted energy decreases under shortening
             shortened = max(shortened, work.least_compression)
-        return Lengths((1.0 - shortened) * still, still, np.maximum(1.02 * long, 1.05 * still), longest)
+        return Lengths(
+            (1.0 - shortened) * free_length,
+            free_length,
+            np.maximum(1.02 * pulled_length, 1.05 * free_length),
+            longest,
+        )
 
-    def _guided(self, free: state.Equilibrium, wanted: Array) -> Sample:
+    def _guided(self, free: state.Equilibrium, wanted_strains: Array) -> Sample:
         """Return the sample at wanted strains (s, 6), or at the last equilibrium on the way to them.
 
         Raises:
@@ -196,10 +201,10 @@ class Sampler:
         """
         frames = self._frames
         initial = strains(*self._pairs(frames.fit(free.state.positions, Pose())))
-        solution, guides, done, step = free, None, 0.0, 1.0
-        while done < 1.0 and step > _LEAST_STEP:
+        solution, guides, reached_fraction, step = free, None, 0.0, 1.0
+        while reached_fraction < 1.0 and step > _LEAST_STEP:
             target = frames_from_strains(
-                frames.drawn[0], initial + min(1.0, done + step) * (wanted - initial)
+                frames.drawn[0], initial + min(1.0, reached_fraction + step) * (wanted_strains - initial)
             )
             x = solution.state.positions
             start = frames.carried(x, frames.fit(x, Pose()), target)
@@ -208,10 +213,10 @@ class Sampler:
             except ConvergenceError:
                 step *= 0.5
                 continue
-            done += step
+            reached_fraction += step
         if guides is None:
             raise ConvergenceError("no pose on the way to a sample has an equilibrium", float("nan"), 0)
-        self.reached.append(min(1.0, done))
+        self.reached.append(min(1.0, reached_fraction))
         return self._sample(solution, guides)
 
     def _near(self, free: state.Equilibrium, target: Array, start: Array) -> Sample:
@@ -247,28 +252,30 @@ class Sampler:
 
     def _section_forces(self, x: Array, frames: Array, force: Array) -> Array:
         """Return the derivatives (s, 6) of the energy from the forces beyond each section."""
-        result = np.empty((len(frames) - 1, 6))
+        section_forces = np.empty((len(frames) - 1, 6))
         pull, moment = np.zeros(3), np.zeros(3)
         origin = frames[-1, 0]
         for s in range(len(frames) - 2, -1, -1):
             ring, r = self._frames.rings[s], frames[s + 1, 0]
             moment = moment + np.cross(origin - r, pull) + cross(x[ring] - r, force[ring]).sum(axis=0)
             pull, origin = pull + force[ring].sum(axis=0), r
-            result[s] = np.linalg.solve(_motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment]))
-        return result
+            section_forces[s] = np.linalg.solve(
+                _motion(frames[s], frames[s + 1]).T, np.concatenate([pull, moment])
+            )
+        return section_forces
 
     @staticmethod
     def _pairs(frames: Array) -> tuple[Array, Array]:
         return frames[:-1], frames[1:]
 
 
-def _motion(before: Array, after: Array) -> Array:
+def _motion(near: Array, far: Array) -> Array:
     """Return d strain / d (dr, phi) (6, 6) of the far frame."""
-    step, a, b = after[0] - before[0], before[1:], after[1:]
-    result = np.zeros((6, 6))
+    step, a, b = far[0] - near[0], near[1:], far[1:]
+    jacobian = np.zeros((6, 6))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        result[i, :3] = 0.5 * (a[i] + b[i])
-        result[i, 3:] = 0.5 * np.cross(b[i], step)
-        result[3 + i, 3:] = -0.5 * (np.cross(a[k], b[j]) - np.cross(a[j], b[k]))
-    return result
+        jacobian[i, :3] = 0.5 * (a[i] + b[i])
+        jacobian[i, 3:] = 0.5 * np.cross(b[i], step)
+        jacobian[3 + i, 3:] = -0.5 * (np.cross(a[k], b[j]) - np.cross(a[j], b[k]))
+    return jacobian

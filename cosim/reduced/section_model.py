@@ -36,18 +36,18 @@ def points_of(pose: Pose) -> Array:
 
 def carried(frames: Array, motion: Pose) -> Array:
     """Return the frames (f, 4, 3) moved rigidly by a motion, world to world."""
-    result = frames @ motion.rotation.T
-    result[:, 0] += motion.translation
-    return np.ascontiguousarray(result)
+    moved_frames = frames @ motion.rotation.T
+    moved_frames[:, 0] += motion.translation
+    return np.ascontiguousarray(moved_frames)
 
 
 @final
 @dataclass(frozen=True)
 class RingFrames:
-    """Which rings are frames, and how the other nodes go with them.
+    """Rings that are frames, and the motion of the other nodes with them.
 
     Frame 0 is the flange. Of one stack it holds the first ring of the centre line, and the chain begins
-    there. Copies have chains side by side; each begins at a frame that goes with the flange.
+    there. Copies have chains side by side; each begins at a frame that moves with the flange.
 
     Args:
         rings: nodes of frames 1, 2, ...; of a frame at which a copy begins none: the flange holds it.
@@ -145,12 +145,12 @@ class RingFrames:
         Of other units (s, 0, 2).
         """
         corners = [_square(shape) for shape in self.shapes]
-        result = np.zeros((len(self.near), 4, 2))
-        for s, near in enumerate(self.near.tolist()):
-            first, second = corners[max(near - 1, 0)], corners[near]
-            if near and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
-                result[s] = second
-        return result if self.folds and result.any() else result[:, :0]
+        rims = np.zeros((len(self.near), 4, 2))
+        for s, frame in enumerate(self.near.tolist()):
+            first, second = corners[max(frame - 1, 0)], corners[frame]
+            if frame and len(first) and len(second) and np.allclose(first, second, rtol=_SAME):
+                rims[s] = second
+        return rims if self.folds and rims.any() else rims[:, :0]
 
     @property
     def bases(self) -> Mask:
@@ -163,10 +163,10 @@ class RingFrames:
 
     def strained(self, frames: Array, values: Array) -> Array:
         """Return frames (f, 4, 3) with other strains (s, 6); the first frame of each chain stays."""
-        result = frames.copy()
+        strained_frames = frames.copy()
         for chain, strain in zip(self.chains, np.split(values, self.copies), strict=True):
-            result[chain] = frames_from_strains(frames[chain.start], strain)
-        return result
+            strained_frames[chain] = frames_from_strains(frames[chain.start], strain)
+        return strained_frames
 
     def __len__(self) -> int:
         return len(self.rings) + 1
@@ -195,18 +195,18 @@ class RingFrames:
         Args:
             frames: (f, 4, 3), orientations R.
         """
-        found = []
+        measures = []
         for frame, shape in zip(frames[1:], self.shapes, strict=True):
             arm = shape @ frame[1:]
             measure = np.empty((6, len(arm), 3))
             if not len(arm):  # where a copy begins
-                found.append(measure)
+                measures.append(measure)
                 continue
             measure[:3] = np.eye(3)[:, None, :] / len(arm)
             inverse = np.linalg.inv((arm**2).sum() * np.eye(3) - arm.T @ arm)
             measure[3:] = (inverse @ np.array([cross_matrix(a) for a in arm])).transpose(1, 0, 2)
-            found.append(measure)
-        return found
+            measures.append(measure)
+        return measures
 
     def carried(self, positions: Array, frames: Array, moved: Array) -> Array:
         """Return the film after a motion of its frames, each node moved by the two frames next to it.
@@ -216,12 +216,12 @@ class RingFrames:
             frames: (f, 4, 3), its frames.
             moved: (f, 4, 3), the frames after the motion.
         """
-        result = np.zeros_like(positions)
+        moved_positions = np.zeros_like(positions)
         for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
             local = np.einsum("nar,nr->na", frames[frame, 1:], positions - frames[frame, 0])
             points = moved[frame, 0] + np.einsum("na,nar->nr", local, moved[frame, 1:])
-            result += weight[:, None] * points
-        return result
+            moved_positions += weight[:, None] * points
+        return moved_positions
 
     def masses(self, node_mass: Array, positions: Array) -> Array:
         """Return the mass matrix (f, 4, 4) of each frame's points; two frames divide the nodes between them.
@@ -232,13 +232,13 @@ class RingFrames:
             node_mass: (n,) [kg].
             positions: (n, 3) [m], drawn shape.
         """
-        result = np.zeros((len(self), POINTS, POINTS))
+        mass_matrices = np.zeros((len(self), POINTS, POINTS))
         for frame, weight in ((self.before, 1.0 - self.fraction), (self.before + 1, self.fraction)):
             local = np.einsum("nr,nar->na", positions - self.drawn[frame, 0], self.drawn[frame, 1:])
             point = np.concatenate([np.ones((len(local), 1)), local], axis=1)
             point[:, 3] = 0.0
-            np.add.at(result, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
-        return result
+            np.add.at(mass_matrices, frame, np.einsum("n,na,nb->nab", weight * node_mass, point, point))
+        return mass_matrices
 
 
 def _square(shape: Array) -> Array:
@@ -288,7 +288,7 @@ class SectionModel:
         energy: (size, s, COEFFICIENTS + 3), see `energy`; the last three are the limits.
         length: (size, s) [m], L of each section.
         gas: (size,) [J], part of the gas' potential -int V dp that is not in the energies of the sections.
-        nodes: (size, n, 2, 4), each node as a combination of the points of the two frames beside it.
+        nodes: (size, n, 2, 4), each node as a combination of the points of the two frames next to it.
         held_out: (p, 9), of each sampled pressure [Pa] the median and the largest error of the forces of each
             of `STRAINS`, at samples that were not fitted, over their root mean square there, of all sections.
         samples: that were solved.
@@ -318,7 +318,7 @@ class SectionModel:
         return float((self.tips[:, 1] / self.tips[:, 2]).max()) if len(self.tips) else float("nan")
 
     def times(self, copies: int) -> SectionModel:
-        """Return the model of so many copies side by side."""
+        """Return the model of a number of copies side by side."""
         energy, length = np.tile(self.energy, (1, copies, 1)), np.tile(self.length, (1, copies))
         return replace(self, energy=energy, length=length, nodes=np.tile(self.nodes, (1, copies, 1, 1)))
 
@@ -357,16 +357,18 @@ class SectionBody:
         Nodes are between their frames, and no farther from the axis than drawn, as gas draws rims inwards.
         """
         spline, model = self.model.spline, self.model
-        over = np.array([spline.basis(pressure)[0] for pressure in spline.pressures(_REACH_PRESSURES)])
-        stretch = np.einsum("pk,ks->ps", over, model.energy[:, :, HIGH])
-        ends = ((over @ model.length) * (1.0 + stretch))[:, : self._one]
+        spline_values = np.array(
+            [spline.basis(pressure)[0] for pressure in spline.pressures(_REACH_PRESSURES)]
+        )
+        stretch = np.einsum("pk,ks->ps", spline_values, model.energy[:, :, HIGH])
+        longest_m = ((spline_values @ model.length) * (1.0 + stretch))[:, : self._one]
         frames = self.frames
         base, nodes = (
             frames.drawn[frames.chains[0].start],
             self.body.positions[: len(frames.before) // self.copies],
         )
         radius = float(np.linalg.norm((nodes - base[0]) @ base[1:3].T, axis=1).max())
-        return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(ends.sum(axis=1).max()) + radius)
+        return float(np.linalg.norm(base[0])) + _REACH_MARGIN * (float(longest_m.sum(axis=1).max()) + radius)
 
     @property
     def chain(self) -> tuple[Array, Array, IntArray, Array, Array]:
@@ -385,8 +387,8 @@ class SectionBody:
 
     def volume(self, frames: Array) -> Array:
         """Return the volumes (copies,) [m^3] enclosed at frames (f, 4, 3), at the present pressure."""
-        found: Array = self.volumes(frames[None], np.array([self._pressure]))[0]
-        return found
+        volumes_m3: Array = self.volumes(frames[None], np.array([self._pressure]))[0]
+        return volumes_m3
 
     def pressure(self, loads: Loads) -> float:
         """Return the gauge pressure [Pa] of the gas under loads.
@@ -429,7 +431,7 @@ class SectionBody:
         return self.frames.strained(frames, values)
 
     def node_weights(self, pressure_Pa: float) -> Array:
-        """Return (n, 2, 4): each node as a combination of the points of the frames beside it."""
+        """Return (n, 2, 4): each node as a combination of the points of the frames next to it."""
         if pressure_Pa != self._nodes_at:
             self._nodes_at = pressure_Pa
             self.model.spline.fill(pressure_Pa, self._films, self._nodes.reshape(-1))
@@ -437,9 +439,9 @@ class SectionBody:
 
     def positions(self, frames: Array, pressure_Pa: float) -> Array:
         """Return the nodes (n, 3) [m] of the film on frames (f, 4, 3)."""
-        result = np.empty((len(self._nodes), 3))
-        combine_points(frames, self.frames.before, self.node_weights(pressure_Pa), result)
-        return result
+        nodes = np.empty((len(self._nodes), 3))
+        combine_points(frames, self.frames.before, self.node_weights(pressure_Pa), nodes)
+        return nodes
 
     def films(self, frames: Array, pressure_Pa: Array) -> Array:
         """Return the nodes (k, n, 3) [m] of the film on chains (k, f, 4, 3) at pressures (k,)."""
@@ -454,16 +456,16 @@ class SectionBody:
             table: (size, 8 n), combinations as in `SectionModel.nodes`.
             before: (n,), the first of the two frames that each point is between.
         """
-        result = np.empty((len(frames), len(before), 3))
-        chain_points(frames, pressure_Pa, self.model.spline, table, before, result)
-        return result
+        points = np.empty((len(frames), len(before), 3))
+        chain_points(frames, pressure_Pa, self.model.spline, table, before, points)
+        return points
 
     def volumes(self, frames: Array, pressure_Pa: Array) -> Array:
         """Return the volumes (k, copies) [m^3] enclosed by chains (k, f, 4, 3) at pressures (k,)."""
         tables = GasTables(self._energies, self._lengths, self.model.gas, self.frames.near, self.frames.rims)
-        result = np.empty((len(frames), self.copies))
-        gas_volumes(frames, pressure_Pa, self.model.spline, tables, result)
-        return result
+        volumes_m3 = np.empty((len(frames), self.copies))
+        gas_volumes(frames, pressure_Pa, self.model.spline, tables, volumes_m3)
+        return volumes_m3
 
     def spread(self, nodal: Array, pressure_Pa: float) -> Array:
         """Return the loads (f, 4, 3) on the frames' points of forces (n, 3) [N] on the nodes."""

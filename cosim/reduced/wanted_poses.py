@@ -92,50 +92,54 @@ class Poses:
     def _straight(self, fraction: Array | float) -> Array:
         """Return the strains (s, 6) of a straight chain, lengths a fraction of the way from low to high."""
         low, high = self.lengths.low, self.lengths.high
-        result = np.zeros((len(low), 6))
-        result[:, 2] = low + fraction * (high - low)
-        return result
+        strains = np.zeros((len(low), 6))
+        strains[:, 2] = low + fraction * (high - low)
+        return strains
 
     def _bent(self, random: np.random.Generator) -> Array:
         """Return random strains (s, 6) that change slowly along the chain."""
         count = len(self.lengths.low)
-        way = np.linspace(0.0, 1.0, count)[:, None]
+        along = np.linspace(0.0, 1.0, count)[:, None]
 
         def field(size: int) -> Array:
             """Return (s, size): constant and linear parts and a little noise, within about -1 to 1."""
             ends = random.uniform(-1.0, 1.0, (2, size))
-            return np.asarray((1.0 - way) * ends[0] + way * ends[1] + random.normal(0.0, 0.05, (count, size)))
+            return np.asarray(
+                (1.0 - along) * ends[0] + along * ends[1] + random.normal(0.0, 0.05, (count, size))
+            )
 
-        place = np.clip(field(1)[:, 0], -1.0, 1.0)
-        result = self._straight(0.5 + 0.5 * place)
-        result[:, :2] = self.work.shear_m * field(2)
+        length_level = np.clip(field(1)[:, 0], -1.0, 1.0)
+        strains = self._straight(0.5 + 0.5 * length_level)
+        strains[:, :2] = self.work.shear_m * field(2)
         bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
         bend /= np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
         if self.rims.size:
-            self._fold(result, place, bend)
+            self._fold(strains, length_level, bend)
         else:
             # rims of neighbouring frames meet at an angle of length over radius
-            largest = np.minimum(self.work.bend * result[:, 2] / self.radii, _BEND_MAX)
-            result[:, 3:5] = largest[:, None] * bend
-        result[:, 5] = self.work.twist * field(1)[:, 0]
-        return result
+            largest = np.minimum(self.work.bend * strains[:, 2] / self.radii, _BEND_MAX)
+            strains[:, 3:5] = largest[:, None] * bend
+        strains[:, 5] = self.work.twist * field(1)[:, 0]
+        return strains
 
-    def _fold(self, result: Array, place: Array, bend: Array) -> None:
+    def _fold(self, strains: Array, length_level: Array, bend: Array) -> None:
         """Fill lengths and bends (s, 2) of square units: most near their free length, no rims that overlap.
 
         Args:
-            result: strains (s, 6).
-            place: (s,), -1 at the shortest, 1 at the longest.
+            strains: (s, 6), filled.
+            length_level: (s,), -1 at the shortest, 1 at the longest.
             bend: (s, 2), at most 1.
         """
-        low, still, high = self.lengths.low, self.lengths.still, self.lengths.high
-        result[:, 2] = still + place * np.abs(place) * np.where(place < 0.0, still - low, high - still)
-        folded = np.maximum(still, 0.5 * self.lengths.longest)
+        low, free, high = self.lengths.low, self.lengths.still, self.lengths.high
+        strains[:, 2] = free + length_level * np.abs(length_level) * np.where(
+            length_level < 0.0, free - low, high - free
+        )
+        folded = np.maximum(free, 0.5 * self.lengths.longest)
         unit = bend / np.maximum(np.linalg.norm(bend, axis=1, keepdims=True), 1e-12)
         across = np.where(self.rims.any(axis=(1, 2)), self._closed(unit), self.radii.max() / _HALF)
         largest = np.minimum(self.work.fold * folded / across, _BEND_MAX)
-        result[:, 3:5] = largest[:, None] * bend
-        result[:, 2] = np.maximum(result[:, 2], (1.0 + _LEAST_GAP) * self._closed(result[:, 3:5]))
+        strains[:, 3:5] = largest[:, None] * bend
+        strains[:, 2] = np.maximum(strains[:, 2], (1.0 + _LEAST_GAP) * self._closed(strains[:, 3:5]))
 
     def _closed(self, bend: Array) -> Array:
         """Return the closing (s,) [m] of the gap between two square frames by bends (s, 2)."""

@@ -72,8 +72,8 @@ class ImplicitContactStep:
         self.bodies: IntArray = np.zeros(0, np.int64)
         self.touched: IntArray = self.bodies
         if self._planes is not None:
-            near = np.unique(self._planes.body)
-            self.bodies = near[exchange.bodies.prediction.ahead[near] > 0]
+            near_bodies = np.unique(self._planes.body)
+            self.bodies = near_bodies[exchange.bodies.prediction.ahead[near_bodies] > 0]
         if self._planes is not None and len(self.bodies):
             self._centers = exchange.loads.centers[self.bodies]
             self._levers = Levers.of(self._planes, self.bodies, self._centers, self.before.positions)
@@ -83,8 +83,10 @@ class ImplicitContactStep:
             self._change = np.zeros_like(self._assumed)
             self._compliance: Array | None = None
             self._motion_now = np.zeros_like(self._displacement)
-            most = self.pose_change_m(np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies)))
-            self._tolerance_N = 0.25 * POSITION_TOLERANCE_M / most
+            unit_pose_change_m = self.pose_change_m(
+                np.ones(6 * len(self.bodies)) * np.tile(_UNIT, len(self.bodies))
+            )
+            self._tolerance_N = 0.25 * POSITION_TOLERANCE_M / unit_pose_change_m
             if accuracy is not None:
                 self._tolerance_N = min(self._tolerance_N, accuracy.tolerance_N)
 
@@ -93,16 +95,16 @@ class ImplicitContactStep:
         accuracy = self._accuracy
         if change is None:
             change = np.zeros(6 * len(self.bodies))
-        moved = 0.0
+        shift_m = 0.0
         if len(self.bodies):
-            moved = self._set_loads(change)
+            shift_m = self._set_loads(change)
             start = None if accuracy is None else accuracy.start
             accuracy = StepAccuracy(self._tolerance_N, start, afresh=bool(self._shift.any()))
         if self.trials:
             # from a hard pressed shape the film may not return
-            reached = self._soft.state.positions if moved < _NEAR_M else None
+            trial_positions = self._soft.state.positions if shift_m < _NEAR_M else None
             self._soft.restore(self.before)
-            accuracy = StepAccuracy(self._tolerance_N, reached)
+            accuracy = StepAccuracy(self._tolerance_N, trial_positions)
         loads = self._loads if self._planes is None else self._loads.touching(self._planes)
         self.trials += 1
         if accuracy is None:
@@ -192,11 +194,13 @@ class ImplicitContactStep:
 
     def mismatch(self, trial: ContactTrial) -> float:
         """Return the error of a trial, relative to its tolerance."""
-        most = trial.error_m / POSITION_TOLERANCE_M
+        relative_error = trial.error_m / POSITION_TOLERANCE_M
         if self._accuracy is not None:
             forces = np.abs(trial.residual.reshape(-1, 6) / _UNIT).max()
-            most = max(most, float(forces) / (_RESIDUAL_FACTOR * self._accuracy.tolerance_N))
-        return most
+            relative_error = max(
+                relative_error, float(forces) / (_RESIDUAL_FACTOR * self._accuracy.tolerance_N)
+            )
+        return relative_error
 
     def stiffness(self, x: Array, *, alone: bool = False) -> Array:
         """Return S (6 b, 6 b) at nodes (n, 3) [m] after the last trial; `alone`: of contacts without film."""
@@ -243,28 +247,28 @@ def search_along(
     low, high, high_work, fraction = 0.0, 0.0, 0.0, 1.0
     for cuts in range(_CUTS):
         try:
-            result = take(trial.change + fraction * change)
+            cut_trial = take(trial.change + fraction * change)
         except ConvergenceError:
             if cuts == _CUTS - 1:
                 raise
             fraction = 0.5 * (low + fraction)  # too deep in the film
             continue
-        now = float(result.residual @ motion)
-        if abs(now) <= _WORK_LEFT * work or step.mismatch(result) < 1.0:
+        residual_work = float(cut_trial.residual @ motion)
+        if abs(residual_work) <= _WORK_LEFT * work or step.mismatch(cut_trial) < 1.0:
             break
-        if now < 0.0:
+        if residual_work < 0.0:
             high, high_work, low_work = (
                 fraction,
-                now,
+                residual_work,
                 low_work if high == 0.0 or fraction > high else 0.5 * low_work,
             )
         elif high == 0.0:
             break
         else:
-            low, low_work, high_work = fraction, now, 0.5 * high_work
+            low, low_work, high_work = fraction, residual_work, 0.5 * high_work
         secant = low_work / (low_work - high_work)
         fraction = low + (high - low) * min(max(secant, 0.05), 0.95)
-    return result
+    return cut_trial
 
 
 def _largest_m(motion: Array) -> float:

@@ -156,8 +156,8 @@ class LightBodies:
         """Take the soft step once; None if the predicted poses are not accurate enough."""
         exchange, soft, before, tick_s = self._exchange, self._soft, self._soft.state, self._tick_s
         planes = exchange.find(before, tick_s)
-        light, known = exchange.light_bodies_near()
-        if not known:
+        light, compliance_known = exchange.light_bodies_near()
+        if not compliance_known:
             return None
         try:
             with_contacts = loads if planes is None else loads.touching(planes)
@@ -294,11 +294,13 @@ class LightBodies:
 
         A constraint may release them, so the ratio without constraints is bounded as well.
         """
-        held, free = (contact_ratio(stiffness, self._tick_s**2 * mobility) for mobility in mobilities)
-        self.ratio = free
-        most = min(RATIO_BOUND / max(held, 1e-9), _HELD_RATIO / max(free, 1e-9))
-        self._stiffening = max(RENEW_ABOVE, most)
-        return held <= RATIO_BOUND and free <= _HELD_RATIO
+        constrained_ratio, free_ratio = (
+            contact_ratio(stiffness, self._tick_s**2 * mobility) for mobility in mobilities
+        )
+        self.ratio = free_ratio
+        stiffening = min(RATIO_BOUND / max(constrained_ratio, 1e-9), _HELD_RATIO / max(free_ratio, 1e-9))
+        self._stiffening = max(RENEW_ABOVE, stiffening)
+        return constrained_ratio <= RATIO_BOUND and free_ratio <= _HELD_RATIO
 
     def _update_stiffness(self, step: ImplicitContactStep) -> None:
         """Compute S at the end of the last trial."""
@@ -308,34 +310,36 @@ class LightBodies:
 
     def _iterate(self, step: ImplicitContactStep, trial: ContactTrial) -> ContactTrial:
         """Repeat the step until the predicted poses are accurate."""
-        left, fresh = step.mismatch(trial), False
-        while left > max(factor for after, factor in _LOOSER if step.trials >= after):
+        mismatch, renewed = step.mismatch(trial), False
+        while mismatch > max(factor for after, factor in _LOOSER if step.trials >= after):
             if step.trials >= _TRIALS_MAX:
                 raise self._error(step, trial.error_m)
-            present = step.stiffness_N_m()
-            if not step.presses():  # they have separated: bring them back to the film
+            contact_N_m = step.stiffness_N_m()
+            if not step.presses():  # they have separated: return them to the film
                 trial = step.take(step.loads_at(self._soft.state.positions, trial.change))
-                left = step.mismatch(trial)
+                mismatch = step.mismatch(trial)
                 continue
-            if not self._contact_stiffness / _STALE < present < self._contact_stiffness * _STALE:
+            if not self._contact_stiffness / _STALE < contact_N_m < self._contact_stiffness * _STALE:
                 self._update_stiffness(step)
-                fresh = True
+                renewed = True
             stiffness = self._stiffness_of(step.bodies)
             change = step.newton_step(stiffness, trial.residual)
             trial = search_along(step, step.take, trial, change)
-            before, left = left, step.mismatch(trial)
-            if fresh and left > 0.5 * before and trial.error_m < 10.0 * POSITION_TOLERANCE_M:
+            last_mismatch, mismatch = mismatch, step.mismatch(trial)
+            if renewed and mismatch > 0.5 * last_mismatch and trial.error_m < 10.0 * POSITION_TOLERANCE_M:
                 break  # the film's residual limits the accuracy
-            fresh = False
-            if left > _FALLS_FAST * before:
+            renewed = False
+            if mismatch > _FALLS_FAST * last_mismatch:
                 self._contact_stiffness = 0.0
         return trial
 
     def _stiffness_of(self, bodies: IntArray) -> Array:
         """Return S (6 b, 6 b) of bodies (b,), zero for bodies without a known S."""
-        known = np.flatnonzero(np.isin(bodies, self._bodies))
-        index = np.searchsorted(self._bodies, bodies[known])
-        rows, rows_of_s = ((6 * each[:, None] + np.arange(6)).ravel() for each in (known, index))
+        with_stiffness = np.flatnonzero(np.isin(bodies, self._bodies))
+        stored_index = np.searchsorted(self._bodies, bodies[with_stiffness])
+        rows, rows_of_s = (
+            (6 * body_index[:, None] + np.arange(6)).ravel() for body_index in (with_stiffness, stored_index)
+        )
         stiffness = np.zeros((6 * len(bodies), 6 * len(bodies)))
         stiffness[np.ix_(rows, rows)] = self._stiffness[np.ix_(rows_of_s, rows_of_s)]
         return stiffness
@@ -344,11 +348,11 @@ class LightBodies:
         bodies, touched = self._exchange.bodies, step.touched if len(step.touched) else step.bodies
         names = ", ".join(bodies.names(touched))
         heavier = max(self.ratio, RATIO_BOUND) / RATIO_BOUND
-        least = ", ".join(f"{heavier * mass:.3g} kg" for mass in bodies.masses_kg(touched))
+        least_masses = ", ".join(f"{heavier * mass:.3g} kg" for mass in bodies.masses_kg(touched))
         return ConvergenceError(
             f"film and touched bodies ({names}) do not agree after {step.trials} trials of a tick: these "
             f"would be {1e3 * error_m:.3g} mm from their predicted poses; try a shorter clock.tick_s, or "
-            f"give them at least {least}, which needs no trials",
+            f"give them at least {least_masses}, which needs no trials",
             error_m,
             step.iterations,
         )

@@ -230,15 +230,15 @@ class BeamRobot(soft_robot.SoftRobot):
         step_s: float,
         accuracy: StepAccuracy | None,
     ) -> int:
-        now, (flange, loads) = self._now, end
-        task = self._stepper.task(now.last.chain, now.clamp, step_s, flange)
+        present, (flange, loads) = self._now, end
+        task = self._stepper.task(present.last.chain, present.clamp, step_s, flange)
         try:
             last = self._stepper.step(task, loads, accuracy)
         except ConvergenceError as error:
             self.work.spend(error.iterations, error.residual_N)
             raise
         self.work.iterations += last.iterations
-        self._now = BeamRobotState(last, now.clamp, flange, loads)
+        self._now = BeamRobotState(last, present.clamp, flange, loads)
         return last.iterations
 
     def restart(self) -> None:
@@ -266,8 +266,8 @@ class BeamRobot(soft_robot.SoftRobot):
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads; the present state is not changed."""
         pressure = self._now.last.pressure_Pa
-        found = self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
-        return self.switch_branch(begin, found)
+        equilibrium = self._equilibria.follow(begin, self.clamp, world_from_flange, loads, pressure)
+        return self.switch_branch(begin, equilibrium)
 
     def switch_branch(self, begin: Equilibrium | None, found: Equilibrium) -> Equilibrium:
         """Return a stable equilibrium in place of an unstable one, see `stability.switch_branch`."""
@@ -345,9 +345,9 @@ class BeamRobot(soft_robot.SoftRobot):
 
     def hold_components(self, held: Mask, world_from_flange: Pose) -> None:
         """Hold whole rings where they are now; they move with the flange."""
-        now = self._now
-        clamp = now.clamp.holding(self.section, held, now.last.frames, world_from_flange)
-        self._now = replace(now, clamp=clamp)
+        present = self._now
+        clamp = present.clamp.holding(self.section, held, present.last.frames, world_from_flange)
+        self._now = replace(present, clamp=clamp)
 
     def release(self, nodes: IntArray) -> None:
         """Release the rings of the given nodes (m,)."""

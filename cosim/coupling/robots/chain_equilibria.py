@@ -81,30 +81,30 @@ class ChainEquilibria:
             OutOfRangeError: none within the model's range, or at a pressure beyond it.
         """
         options = self._options
-        found, loads = self._solve_contacts(clamp.place(frames, flange), clamp, loads, begin_Pa)
-        spent = found.residual_N, found.iterations
-        if found.outcome is not Outcome.CONVERGED:
-            end = place_in_range(self._section, found.frames, found.pressure_Pa)
+        solution, loads = self._solve_contacts(clamp.place(frames, flange), clamp, loads, begin_Pa)
+        effort = solution.residual_N, solution.iterations
+        if solution.outcome is not Outcome.CONVERGED:
+            end = place_in_range(self._section, solution.frames, solution.pressure_Pa)
             text = (
-                f"no equilibrium found: {found.outcome.value}; residual {found.residual_N:.3g} N, bound "
-                f"{options.tolerance_N:.3g} N, {found.iterations} iterations"
+                f"no equilibrium found: {solution.outcome.value}; residual {solution.residual_N:.3g} N, "
+                f"bound {options.tolerance_N:.3g} N, {solution.iterations} iterations"
             )
             if end.at_its_end:
                 text = f"{text}; the section model ends here: {end.text}; {INSTEAD}"
-                raise OutOfRangeError(text, *spent, end.text)
-            raise ConvergenceError(text, *spent)
-        check_pressure(self._section, found.pressure_Pa, *spent)
-        film = film_of(self._section, found.chain)
-        resting = RestingChain(self._solver, clamp, found.frames, loads, found.pressure_Pa)
+                raise OutOfRangeError(text, *effort, end.text)
+            raise ConvergenceError(text, *effort)
+        check_pressure(self._section, solution.pressure_Pa, *effort)
+        film = film_of(self._section, solution.chain)
+        resting = RestingChain(self._solver, clamp, solution.frames, loads, solution.pressure_Pa)
         return Equilibrium(
             film,
             flange,
             loads,
-            supplied_wrench(found.figures),
-            found.residual_N,
-            found.iterations,
-            found.potential_J,
-            found.shifted,
+            supplied_wrench(solution.figures),
+            solution.residual_N,
+            solution.iterations,
+            solution.potential_J,
+            solution.shifted,
             negative_pivots=resting.negative_pivots,
         )
 
@@ -123,21 +123,22 @@ class ChainEquilibria:
         if self.obstacles is None:
             return solve_loaded(self._solver, task, loads, start, begin_Pa), loads
         pressure = begin_Pa if self._section.gas(loads) is not None else self._section.pressure(loads)
-        spent = shifted = 0
+        iterations = shifted = 0
         for round_ in range(CONTACT_ROUNDS_MAX):
             loads = replace(loads, contact=self.obstacles(self._section.positions(start, pressure)))
-            found = solve_loaded(self._solver, task, loads, start, pressure)
-            settled = round_ > 0 and found.iterations == 0
-            spent, shifted, pressure = spent + found.iterations, shifted + found.shifted, found.pressure_Pa
-            if settled or found.outcome is not Outcome.CONVERGED:
-                return replace(found, iterations=spent, shifted=shifted), loads
-            trail.append(found.frames.reshape(-1, 3))
+            solution = solve_loaded(self._solver, task, loads, start, pressure)
+            settled = round_ > 0 and solution.iterations == 0
+            iterations, shifted = iterations + solution.iterations, shifted + solution.shifted
+            pressure = solution.pressure_Pa
+            if settled or solution.outcome is not Outcome.CONVERGED:
+                return replace(solution, iterations=iterations, shifted=shifted), loads
+            trail.append(solution.frames.reshape(-1, 3))
             start = upright(extrapolate(trail).reshape(start.shape))
         raise ConvergenceError(
             f"no equilibrium found: the contacts still change after {CONTACT_ROUNDS_MAX} rounds, "
             f"{len(loads.contact or ())} points near obstacles; try smaller increments",
-            found.residual_N,
-            spent,
+            solution.residual_N,
+            iterations,
         )
 
     def follow(
@@ -157,21 +158,22 @@ class ChainEquilibria:
         """
         if self._section.gas(begin.loads) is None:
             pressure_Pa = self._section.pressure(begin.loads)
-        here, done, load_step, spent = begin, 0.0, 1.0, 0
-        while done < 1.0:
-            load_factor = min(1.0, done + load_step)
+        equilibrium, reached_factor, load_step, iterations = begin, 0.0, 1.0, 0
+        while reached_factor < 1.0:
+            load_factor = min(1.0, reached_factor + load_step)
             pose = begin.world_from_flange.interpolated(flange, load_factor)
-            motion = pose @ here.world_from_flange.inverse()
-            chain = chain_of(self._section, here.state, here.world_from_flange, pressure_Pa)
+            motion = pose @ equilibrium.world_from_flange.inverse()
+            chain = chain_of(self._section, equilibrium.state, equilibrium.world_from_flange, pressure_Pa)
             load, frames = begin.loads.interpolated(loads, load_factor), chain.frames
             if self._section.gas(load) is None:
                 frames = self._section.stretched(frames, chain.pressure_Pa, self._section.pressure(load))
             try:
-                found = self.solve(carried(frames, motion), clamp, pose, load, chain.pressure_Pa)
+                next_equilibrium = self.solve(carried(frames, motion), clamp, pose, load, chain.pressure_Pa)
             except ConvergenceError as error:
-                spent, load_step = spent + error.iterations, 0.5 * load_step
+                iterations, load_step = iterations + error.iterations, 0.5 * load_step
                 if load_step < 0.5**_SPLITS_MAX:
                     raise
                 continue
-            here, done, spent = found, load_factor, spent + found.iterations
-        return replace(here, iterations=spent)
+            equilibrium, reached_factor = next_equilibrium, load_factor
+            iterations += next_equilibrium.iterations
+        return replace(equilibrium, iterations=iterations)

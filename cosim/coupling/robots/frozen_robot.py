@@ -70,11 +70,11 @@ class FrozenRobot(SoftRobot):
 
     def start(self, world_from_flange: Pose, loads: Loads, hung: Equilibrium | None = None) -> Equilibrium:
         """Return the flexible body's equilibrium before the first phase, and freeze its shape."""
-        found = self._flexible.start(world_from_flange, loads)
-        self._flexible.commit(found)
-        shape = found.world_from_flange.inverse().apply(found.state.positions)
+        equilibrium = self._flexible.start(world_from_flange, loads)
+        self._flexible.commit(equilibrium)
+        shape = equilibrium.world_from_flange.inverse().apply(equilibrium.state.positions)
         self._set_shape(shape, self._flexible.volumes_m3)
-        return self.follow(found, world_from_flange, loads)
+        return self.follow(equilibrium, world_from_flange, loads)
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""

@@ -78,7 +78,7 @@ class MeshReader(ShapeReader):
     def __init__(self, body: SoftBody, volumes: Callable[[Array], Array]) -> None:
         self._body, self._volumes = body, volumes
         self._tip, self._rings = body.tip, center_rings(body)
-        self._tip_way = body.tip_way if body.tip_is_line else None
+        self._tip_direction = body.tip_way if body.tip_is_line else None
 
     def positions(self, shape: Array) -> Array:
         """Return the shape itself."""
@@ -94,11 +94,11 @@ class MeshReader(ShapeReader):
         tip, centers = films.take(self._tip, axis=1), films.take(self._rings, axis=1).mean(axis=2)
         points = np.concatenate([tip, centers], axis=1)
         figures = figures_at(points, tip.shape[1], self._volumes(films))
-        if self._tip_way is None:
+        if self._tip_direction is None:
             return figures
-        nodes, weights = self._tip_way
-        way = np.einsum("n,knr->kr", weights, films.take(nodes, axis=1))
-        return replace(figures, tip_direction=way / np.linalg.norm(way, axis=1, keepdims=True))
+        nodes, weights = self._tip_direction
+        direction = np.einsum("n,knr->kr", weights, films.take(nodes, axis=1))
+        return replace(figures, tip_direction=direction / np.linalg.norm(direction, axis=1, keepdims=True))
 
     def tips(self, shapes: Sequence[Array]) -> Array:
         """Return the tips; see `ShapeReader.tips`."""

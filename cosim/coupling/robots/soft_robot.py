@@ -1,4 +1,4 @@
-"""The interface of soft robots, whatever their model: film, reduced beam model, or frozen shape.
+"""The interface of soft robots of any model: film, reduced beam model, or frozen shape.
 
 A model with fewer unknowns than the film's mesh also presents itself as that mesh: `body` and `state` hold
 the film's nodes, and contacts, loads and supports are given on nodes. Such a model must be able to recover

@@ -70,15 +70,15 @@ def step_with_halving(
                 raise
             if halvings == 0:
                 raise error.at(f"even in steps of {1e3 * step_s:.3g} ms") from None
-            spent, left_N = error.iterations, error.residual_N
-        work.divide(left_N)
+            iterations, residual_N = error.iterations, error.residual_N
+        work.divide(residual_N)
         middle = (begin[0].interpolated(end[0], 0.5), begin[1].interpolated(end[1], 0.5))
         restart()
         accuracy = None if accuracy is None else StepAccuracy(accuracy.tolerance_N)
-        for first, last in ((begin, middle), (middle, end)):
-            spent += take(first, last, 0.5 * step_s, accuracy, halvings - 1)
+        for half_begin, half_end in ((begin, middle), (middle, end)):
+            iterations += take(half_begin, half_end, 0.5 * step_s, accuracy, halvings - 1)
         restart()
-        return spent
+        return iterations
 
     step, restart, work = stepper
     return take(begin, end, step_s, accuracy, _HALVINGS_MAX)

@@ -321,8 +321,8 @@ class IteratedCoupling(Coupling):
         """Return the load (6,), extrapolated linearly from the last two ticks."""
         if len(self.state.history) < 2:
             return last
-        now, before = (vector.from_world(loads) for loads in self.state.history)
-        return np.asarray(2.0 * now - before)
+        newest, previous = (vector.from_world(loads) for loads in self.state.history)
+        return np.asarray(2.0 * newest - previous)
 
     def _momentum_error(self, left_over: Array, trial: Trial) -> float:
         """Return the momentum error of a tick with a remaining residual (6,), about the world's origin."""

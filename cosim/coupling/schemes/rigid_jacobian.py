@@ -41,11 +41,11 @@ def rigid_jacobian(
     last, figures = last.ravel() if carries else last[:0].ravel(), interface.figures.copy()
     inputs = (scene.joint_position, scene.joint_velocity, last, figures, reference, np.zeros(joints))
     steps = (_ANGLE, _SPEED, _ACCELERATION, _FIGURE, _ANGLE, _SPEED)
-    sizes = [len(part) for part in inputs]
+    sizes = [len(block) for block in inputs]
     ends, start, scale = np.cumsum(sizes)[:-1], np.concatenate(inputs), np.repeat(steps, sizes)
 
-    def state_after(values: Array) -> Array:
-        position, speed, accelerations, load, wanted, pace = np.split(values, ends)
+    def state_after(state: Array) -> Array:
+        position, speed, accelerations, load, position_reference, speed_reference = np.split(state, ends)
         scene.state = saved
         scene.set_joint_state(position, speed)
         if carries:
@@ -55,7 +55,7 @@ def rigid_jacobian(
         interface.load_flange(supplied_wrench(load))
         carried.compensate(scene)
         try:
-            interface.step_rigid(servos(wanted, pace).row(0), log)
+            interface.step_rigid(servos(position_reference, speed_reference).row(0), log)
         except InstabilityError as error:
             raise ConvergenceError("MuJoCo warns near the present state: no linear model", 0.0, 0) from error
         accelerations = np.concatenate([scene.joint_acceleration, carried.past.ravel()])[: len(last)]

@@ -65,11 +65,11 @@ class StaggeredCoupling(Coupling):
         begin_tick(self.interface, self._carried)
 
     def advance(self, servos: ServoCommands, loads: Sequence[Loads]) -> TickLog:
-        begun, self._begun_log = self._begun_log, None
-        log = self._new_log(len(loads)) if begun is None else begun
+        begun_log, self._begun_log = self._begun_log, None
+        log = self._new_log(len(loads)) if begun_log is None else begun_log
         try:
             for k in range(len(log.trials)):
-                self._step_tick(servos.row(k), loads[k], log, begun=begun is not None)
+                self._step_tick(servos.row(k), loads[k], log, begun=begun_log is not None)
         except BaseException as error:  # of any kind: the ticks before it are shown first
             self._advise(error)
             if not log.done:

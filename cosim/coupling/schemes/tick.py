@@ -28,7 +28,7 @@ def tick(
 
 
 def begin_tick(interface: Interface, carried: CarriedInertia) -> None:
-    """Load the arm for its step, which follows here or in somebody else's loop."""
+    """Load the arm for its step, which follows here or in another loop."""
     interface.load_flange(interface.wrench)  # contacts of the last tick act on bodies already
     carried.compensate(interface.scene)
 

@@ -19,7 +19,7 @@ def film_of(section: SectionBody, chain: ChainState) -> SoftState:
     return SoftState(
         section.positions(chain.frames, pressure_Pa),
         section.positions(chain.rates, pressure_Pa),
-        np.concatenate([(pressure_Pa,), *(part.reshape(-1) for part in parts)]),
+        np.concatenate([(pressure_Pa,), *(points.reshape(-1) for points in parts)]),
     )
 
 
@@ -35,12 +35,12 @@ def chain_of(section: SectionBody, film: SoftState, flange: Pose, pressure_Pa: f
     frames, shape = None, (2, *section.frames.drawn.shape)
     if len(film.memory) % int(np.prod(shape)) == 1:
         pressure_Pa, (motion, *earlier) = float(film.memory[0]), film.memory[1:].reshape(-1, *shape)
-        known = ChainState(motion, pressure_Pa, *earlier)
-        made = film_of(section, known)
-        if np.array_equal(made.positions, film.positions):
-            if np.array_equal(made.velocities, film.velocities):
-                return known
-            frames = known.frames
+        remembered = ChainState(motion, pressure_Pa, *earlier)
+        remembered_film = film_of(section, remembered)
+        if np.array_equal(remembered_film.positions, film.positions):
+            if np.array_equal(remembered_film.velocities, film.velocities):
+                return remembered
+            frames = remembered.frames
     if frames is None:
         frames = section.frames.fit(film.positions, flange)
     rates = rates_from_nodes(section.frames, frames, film.velocities)

@@ -70,17 +70,17 @@ def node_motion(section: SectionBody, frames: Array, pressure_Pa: float) -> Arra
     """
     weights, before = section.node_weights(pressure_Pa), section.frames.before
     count = len(weights)
-    result = np.zeros((count, 3, len(frames), 6))
+    jacobian = np.zeros((count, 3, len(frames), 6))
     nodes = np.arange(count)
     for side in (0, 1):
         frame = before + side
         arm = np.einsum("na,nar->nr", weights[:, side, 1:], frames[frame, 1:])
         for r, s, t in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            result[nodes, r, frame, r] = weights[:, side, 0]
+            jacobian[nodes, r, frame, r] = weights[:, side, 0]
             # phi x arm
-            result[nodes, r, frame, 3 + s] = arm[:, t]
-            result[nodes, r, frame, 3 + t] = -arm[:, s]
-    return result
+            jacobian[nodes, r, frame, 3 + s] = arm[:, t]
+            jacobian[nodes, r, frame, 3 + t] = -arm[:, s]
+    return jacobian
 
 
 @final
@@ -158,8 +158,8 @@ def film_clamp(section: SectionBody, frames: FrameClamp, shape: Array, flange: P
         shape: (n, 3) [m], of the film.
         flange: its pose.
     """
-    held = np.zeros(shape.shape, dtype=bool)
-    for ring, whole in zip(section.frames.rings, frames.held[1:], strict=True):
-        held[ring] = whole
+    held_components = np.zeros(shape.shape, dtype=bool)
+    for ring, ring_is_held in zip(section.frames.rings, frames.held[1:], strict=True):
+        held_components[ring] = ring_is_held
     clamp = Clamp.of_base(section.body)
-    return clamp.holding(held, shape, flange) if held.any() else clamp
+    return clamp.holding(held_components, shape, flange) if held_components.any() else clamp

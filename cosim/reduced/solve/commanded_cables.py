@@ -1,6 +1,6 @@
 """Cables of commanded length on a chain: tensions that agree with the length of the route at the solution.
 
-A solution takes tensions. Those of commanded cables are separate unknowns, T_c = k_c f(L_c - L_0c) as
+The solver needs tensions. Those of commanded cables are separate unknowns, T_c = k_c f(L_c - L_0c) as
 in `cosim.soft.elements.cable`, found by Newton's method around it: with g_c the gradient of
 sum_i c_i L_i, m_c that sum over L_c, and H the tangent, a unit of tension d shortens cable c by
 g_c^T H^-1 g_d / m_c.
@@ -69,14 +69,14 @@ class Pulls:
     @classmethod
     def of(cls, solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> "Pulls":
         """Return the commanded cables of some loads at frames (f, 4, 3)."""
-        chosen, cables = commanded(loads), solver.section.body.cables
+        commanded_cables, cables = commanded(loads), solver.section.body.cables
         x = solver.section.positions(frames, pressure_Pa)
         slack = with_tensions(loads, (0.0,) * len(cables))
-        still = solver.evaluate(frames, slack, pressure_Pa)
+        slack_gradient = solver.evaluate(frames, slack, pressure_Pa)
         gradient, mean_ratio, stiffness, tension, missing = [], [], [], [], []
-        for c in chosen:
+        for c in commanded_cables:
             unit = tuple(float(c == d) for d in range(len(cables)))
-            gradient.append(solver.evaluate(frames, with_tensions(loads, unit), pressure_Pa) - still)
+            gradient.append(solver.evaluate(frames, with_tensions(loads, unit), pressure_Pa) - slack_gradient)
             cable, lengths = cables[c], cables[c].segment_lengths(x)
             mean_ratio.append(float(cable.tension_ratio(x) @ lengths / lengths.sum()))
             q = loads.cable_stiffening[c] if loads.cable_stiffening else 1.0
@@ -85,14 +85,16 @@ class Pulls:
             stiffness.append(cable.stiffness_N_m * q * slope)
             tension.append(cable.stiffness_N_m * force)
             missing.append(-cable.stiffness_N_m * stretch if force == 0.0 else 0.0)
-        figures = (np.array(row) for row in (mean_ratio, stiffness, tension, missing))
+        figures = (np.array(values) for values in (mean_ratio, stiffness, tension, missing))
         return cls(np.array(gradient), *figures)
 
     def taut(self, solver: ChainSolver, loads: Loads) -> Array:
         """Return the stiffness (c,) [N/m] with slack cables as taut ones."""
         q = loads.cable_stiffening or (1.0,) * len(loads.cable_length_m)
-        whole = np.array([solver.section.body.cables[c].stiffness_N_m * q[c] for c in commanded(loads)])
-        return np.where(self.missing_N > 0.0, whole, self.stiffness)
+        taut_stiffness = np.array(
+            [solver.section.body.cables[c].stiffness_N_m * q[c] for c in commanded(loads)]
+        )
+        return np.where(self.missing_N > 0.0, taut_stiffness, self.stiffness)
 
 
 def point_of(solver: ChainSolver, frames: Array, loads: Loads, pressure_Pa: float) -> ChainPoint:

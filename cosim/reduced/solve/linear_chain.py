@@ -48,7 +48,7 @@ def _by_loads(chain: RestingChain) -> tuple[tuple[LoadName, ...], Array]:
     """Return the names of loads for commands, and the gradient's derivatives (6 f, loads) by them."""
     names, columns, loads = list[LoadName](), list[Array](), chain.point.loads
     if chain.solver.section.gas(chain.loads) is None:
-        up, down = (chain.gradient_at(chain.pressure_Pa + off) for off in (PROBE_Pa, -PROBE_Pa))
+        up, down = (chain.gradient_at(chain.pressure_Pa + probe_Pa) for probe_Pa in (PROBE_Pa, -PROBE_Pa))
         names.append(("pressure_Pa", 0))
         columns.append((up - down) / (2.0 * PROBE_Pa))
     for c in sorted({*range(len(loads.cable_tension_N))} - {*commanded(chain.loads)}):
@@ -64,27 +64,27 @@ def _supplied(chain: RestingChain, gradient: Array, end: Array) -> Array:
     The gradient by (dr, phi) of a turned frame is that of before, its change by the symmetric tangent,
     and phi x g / 2, as turns do not commute. A lever turns with its frame.
     """
-    still, change = chain.gradient, np.zeros((6, end.shape[1]))
+    gradient_at_rest, change = chain.gradient, np.zeros((6, end.shape[1]))
     for f in np.flatnonzero(chain.clamp.held):
-        wrench, moved = gradient[6 * f : 6 * f + 6], end[6 * f : 6 * f + 6]
+        wrench, frame_motion = gradient[6 * f : 6 * f + 6], end[6 * f : 6 * f + 6]
         lever = chain.frames[f, 0] - chain.frames[0, 0]
         change += wrench
-        change[3:] -= 0.5 * cross_matrix(still[f, 3:]) @ moved[3:]
+        change[3:] -= 0.5 * cross_matrix(gradient_at_rest[f, 3:]) @ frame_motion[3:]
         change[3:] += cross_matrix(lever) @ wrench[:3]
-        change[3:] -= cross_matrix(still[f, :3]) @ (moved[:3] - end[:3])
+        change[3:] -= cross_matrix(gradient_at_rest[f, :3]) @ (frame_motion[:3] - end[:3])
     return change
 
 
 def _moments(chain: RestingChain) -> Array:
     """Return the derivatives (12, 6 f) of centre and inertia of the mass."""
     count, mass, columns = len(chain.frames), chain.solver.section.mass, []
-    nothing, moved = np.zeros((count, 6)), np.empty_like(chain.frames)
+    nothing, moved_frames = np.zeros((count, 6)), np.empty_like(chain.frames)
     for k in range(6 * count):
         step, ends = np.zeros((count, 6)), []
         step.reshape(-1)[k] = _MOTION_PROBE
-        for way in (1.0, -1.0):
-            change_frames(chain.frames, step, way, moved)
-            ends.append(figures_of(moved, chain.clamp.free, mass, nothing)[CENTER:FIGURES])
+        for sign in (1.0, -1.0):
+            change_frames(chain.frames, step, sign, moved_frames)
+            ends.append(figures_of(moved_frames, chain.clamp.free, mass, nothing)[CENTER:FIGURES])
         columns.append((ends[0] - ends[1]) / (2.0 * _MOTION_PROBE))
     return np.array(columns).T
 
@@ -95,8 +95,8 @@ def _tip(chain: RestingChain, names: tuple[LoadName, ...]) -> Array:
     derivatives = np.concatenate([chain.motion[tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
     if names and names[0] == ("pressure_Pa", 0):
         up, down = (
-            section.positions(chain.frames, chain.pressure_Pa + off)[tip].mean(axis=0)
-            for off in (PROBE_Pa, -PROBE_Pa)
+            section.positions(chain.frames, chain.pressure_Pa + probe_Pa)[tip].mean(axis=0)
+            for probe_Pa in (PROBE_Pa, -PROBE_Pa)
         )
         derivatives[:, chain.motion.shape[2]] = (up - down) / (2.0 * PROBE_Pa)
     return derivatives

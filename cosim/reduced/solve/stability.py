@@ -71,16 +71,16 @@ class RestingChain:
     @cached_property
     def tangent(self) -> Array:
         """(6 f, 6 f), including sealed gas and commanded lengths."""
-        whole, gas = whole_tangent(self.solver, self.point), self.solver.section.gas(self.loads)
+        at_constant_gas, gas = whole_tangent(self.solver, self.point), self.solver.section.gas(self.loads)
         if gas is None:
-            return whole
+            return at_constant_gas
         # energy at a pressure is less by p V: its slope is -V, of its gradient -dV
         ends = (self.pressure_Pa + PROBE_Pa, self.pressure_Pa - PROBE_Pa)
         swelling = _slope([self._volume(self.frames, p) for p in ends])
         slope = _slope([self.gradient_at(p).ravel() for p in ends])
         volume = self._volume(self.frames, self.pressure_Pa)
         falls = gas.exponent * gas.absolute_pressure(volume) / volume
-        return np.asarray(whole + falls / (1.0 + falls * swelling) * np.outer(slope, slope))
+        return np.asarray(at_constant_gas + falls / (1.0 + falls * swelling) * np.outer(slope, slope))
 
     def _volume(self, frames: Array, pressure_Pa: float) -> float:
         return float(self.solver.volume(frames, pressure_Pa)[0])
@@ -88,10 +88,10 @@ class RestingChain:
     @cached_property
     def mass(self) -> Array:
         """Mass matrix (6 f, 6 f)."""
-        moving, still = (
+        with_inertia, without_inertia = (
             whole_tangent(self.solver, self.point, InertiaTerm(factor, self.frames)) for factor in (1.0, 0.0)
         )
-        return moving - still
+        return with_inertia - without_inertia
 
     @cached_property
     def motion(self) -> Array:
@@ -105,7 +105,7 @@ class RestingChain:
 
     @cached_property
     def _matrix(self) -> Array:
-        """Tangent of what can move."""
+        """Tangent of the free frames."""
         return np.asarray(self.tangent[np.ix_(self._free, self._free)])
 
     @property
@@ -138,9 +138,9 @@ class RestingChain:
         Args:
             film: potential of the film.
         """
-        held, unstable = self.solver.loads.losses_follow_shape, self.unstable
+        losses_held, unstable = self.solver.loads.losses_follow_shape, self.unstable
         if unstable is not None:
-            return branching.StabilityReport(None, np.inf, 0.0, losses_held=held, unstable=unstable)
+            return branching.StabilityReport(None, np.inf, 0.0, losses_held=losses_held, unstable=unstable)
         section, frames, count = self.solver.section, self.frames, len(self.frames)
         (_, mode), motion, tip = self._lowest, self.motion, section.body.tip
         x = section.positions(frames, self.pressure_Pa)
@@ -149,41 +149,42 @@ class RestingChain:
         )
         size = branching.DISTURBED * np.linalg.norm(nodal_loads(film, x, film.memory, pressed), axis=1)
         disturbed = np.tensordot(size, motion, 1)[:, self._free]
-        answers = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
-        answer = np.linalg.solve(self._matrix, self._more_load(_STEP) / _STEP)
+        tip_responses = motion[tip][:, :, self._free] @ np.linalg.solve(self._matrix, disturbed.T)
+        response = np.linalg.solve(self._matrix, self._more_load(_STEP) / _STEP)
         step = np.zeros((count, 6))
-        step.reshape(-1)[self._free] = answer
-        moved, stiffness = np.empty_like(frames), []
+        step.reshape(-1)[self._free] = response
+        moved_frames, stiffness = np.empty_like(frames), []
         for change in (-_STEP, _STEP):
-            change_frames(frames, step, change, moved)
-            loads, pressure = self._grown(change, moved)
-            changed = replace(self, frames=moved, loads=loads, pressure_Pa=pressure)
+            change_frames(frames, step, change, moved_frames)
+            loads, pressure = self._grown(change, moved_frames)
+            changed = replace(self, frames=moved_frames, loads=loads, pressure_Pa=pressure)
             stiffness.append(float(mode @ changed._matrix @ mode))
         fall = (stiffness[0] - stiffness[1]) / (2.0 * _STEP)
         mass = self.mass[np.ix_(self._free, self._free)]
         pushed = is_driven(
-            *(float(a @ mass @ b) for a, b in ((mode, answer), (mode, mode), (answer, answer)))
+            *(float(a @ mass @ b) for a, b in ((mode, response), (mode, mode), (response, response)))
         )
         last = min(branching.MODES, len(mass)) - 1
         values = scipy.linalg.eigh(self._matrix, mass, eigvals_only=True, subset_by_index=(0, last))
         modes = natural_frequencies(values.tolist())
         return branching.StabilityReport(
-            modes[0], tip_displacement(np.arange(len(tip)), answers),
-            *load_margin(float(mode @ self._matrix @ mode), fall, driven=pushed), held, frequencies_Hz=modes,
+            modes[0], tip_displacement(np.arange(len(tip)), tip_responses),
+            *load_margin(float(mode @ self._matrix @ mode), fall, driven=pushed), losses_held,
+            frequencies_Hz=modes,
         )  # fmt: skip
 
     @cached_property
     def _lowest(self) -> tuple[LowestMode, Array]:
         """The lowest eigenvalue of K v = e M v with its mode of the film's nodes, and v."""
         mass = self.mass[np.ix_(self._free, self._free)]
-        value, vector = scipy.linalg.eigh(self._matrix, mass, subset_by_index=(0, 0))
-        section, whole = self.solver.section, np.zeros(len(self._free))
-        whole[self._free] = vector[:, 0]
-        motion = self.motion @ whole
+        eigenvalue, vector = scipy.linalg.eigh(self._matrix, mass, subset_by_index=(0, 0))
+        section, vector_of_all = self.solver.section, np.zeros(len(self._free))
+        vector_of_all[self._free] = vector[:, 0]
+        motion = self.motion @ vector_of_all
         scale = motion.ravel()[np.argmax(np.abs(motion))]
         x, free = section.positions(self.frames, self.pressure_Pa), np.ones(motion.shape, np.bool_)
         mode, place = motion / scale, describe_largest(section.body, x, motion, free)
-        return LowestMode(float(value[0]), mode, place), vector[:, 0]
+        return LowestMode(float(eigenvalue[0]), mode, place), vector[:, 0]
 
     def _grown(self, change: float, frames: Array) -> tuple[Loads, float]:
         """Return loads grown by a fraction, and the gas pressure that they have at frames (f, 4, 3)."""
@@ -194,14 +195,14 @@ class RestingChain:
         if gas is None:
             return loads, section.pressure(loads)
         for _ in range(_ROUNDS):
-            ends = [self._volume(frames, pressure + off) for off in (PROBE_Pa, -PROBE_Pa)]
+            ends = [self._volume(frames, pressure + probe_Pa) for probe_Pa in (PROBE_Pa, -PROBE_Pa)]
             swelling, volume = _slope(ends), 0.5 * (ends[0] + ends[1])
             falls = gas.exponent * gas.absolute_pressure(volume) / volume
             pressure += (gas.gauge_pressure(volume) - pressure) / (1.0 + falls * swelling)
         return loads, pressure
 
     def _more_load(self, change: float) -> Array:
-        """Return the forces [N, N m] that loads grown by a fraction add on what can move."""
+        """Return the forces [N, N m] that loads grown by a fraction add to the free frames."""
         gradients = []
         for loads, pressure in (self._grown(0.0, self.frames), self._grown(change, self.frames)):
             pulled = point_of(self.solver, self.frames, loads, pressure).loads

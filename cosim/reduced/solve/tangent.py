@@ -151,12 +151,14 @@ class ChainSensitivity:
         tension = self._at.loads.cable_tension_N
         if not tension:
             return np.zeros((6, 0))
-        more = [tuple(t + 1.0 if k == c else t for k, t in enumerate(tension)) for c in range(len(tension))]
-        return self._motion([replace(self._at.loads, cable_tension_N=pulled) for pulled in more])
+        one_newton_more = [
+            tuple(t + 1.0 if k == c else t for k, t in enumerate(tension)) for c in range(len(tension))
+        ]
+        return self._motion([replace(self._at.loads, cable_tension_N=pulled) for pulled in one_newton_more])
 
     def _motion(self, loads: list[Loads]) -> Array:
         """Return the tip's motion (6, k) with loads that are one unit up; the gradient is linear in them."""
         frames, pressure = self._at.frames, self._at.pressure_Pa
-        still = self._solver.evaluate(frames, self._at.loads, pressure)
-        change = [self._solver.evaluate(frames, load, pressure) - still for load in loads]
+        gradient_at_rest = self._solver.evaluate(frames, self._at.loads, pressure)
+        change = [self._solver.evaluate(frames, load, pressure) - gradient_at_rest for load in loads]
         return np.asarray(self._tangent.solve(-np.array(change))[:, -1].T)

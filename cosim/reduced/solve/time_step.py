@@ -36,13 +36,13 @@ class ChainStepper:
 
     def scheme(self, step_s: float, *, first: bool) -> ChainScheme:
         """Return the scheme of a step of some length [s]; `first`: without a step before it."""
-        known = self._schemes.get((step_s, first))
-        if known is None:
+        scheme = self._schemes.get((step_s, first))
+        if scheme is None:
             options, coefficients = self._options, self._options.coefficients(step_s, first=first)
             inertia = inertia_weight(coefficients.span, options.losses_per_s)
             limits = options.tolerance_N, self._solver.lever_m, options.newton.iterations_max
-            known = self._schemes[step_s, first] = ChainScheme(step_s, coefficients, inertia, *limits)
-        return known
+            scheme = self._schemes[step_s, first] = ChainScheme(step_s, coefficients, inertia, *limits)
+        return scheme
 
     def task(
         self, chain: ChainState, clamp: FrameClamp, step_s: float, flange: Pose | None = None
@@ -89,7 +89,7 @@ class ChainStepper:
         """Return the error of a step without solution: the end of the model's range, or no convergence."""
         section, text = self._solver.section, f"the soft step did not converge: {solution.outcome.value}"
         ends = (place_in_range(section, x, solution.pressure_Pa) for x in (solution.frames, begin.frames))
-        end = max(ends, key=lambda place: place.fraction)
+        end = max(ends, key=lambda in_range: in_range.fraction)
         if end.at_its_end:
             text = f"the section model ends here: {end.text}; {INSTEAD}"
         text += f"; residual {solution.residual_N:.3g} N after {solution.iterations} iterations"

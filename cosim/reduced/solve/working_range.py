@@ -61,16 +61,19 @@ def place_in_range(
     kind, worst = divmod(int(np.argmax(fractions)), len(stretch))
     copy, index = divmod(worst, count := len(stretch) // section.frames.copies)
     names = ("flange", *section.body.frame_rings, "tip")
-    where = f"section {index + 1} of {count} ({names[index]} to {names[index + 1]})"
+    section_text = f"section {index + 1} of {count} ({names[index]} to {names[index + 1]})"
     if section.frames.copies > 1:
-        where += f" of copy {copy + 1}"
+        section_text += f" of copy {copy + 1}"
     if kind:
-        state = f"is bent by {_degrees(bend[worst])} degrees, its model ends at {_degrees(bend_end[worst])}"
+        angle, end_angle = _degrees(bend[worst]), _degrees(bend_end[worst])
+        state = f"is bent by {angle} degrees, its model ends at {end_angle}"
     else:
         word = "shortened" if stretch[worst] < 0.0 else "stretched"
-        value, end = 100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst])
-        state = f"is {word} by {value:.1f} %, its model ends at {end:.1f} %"
-    return PlaceInRange(float(fractions[kind, worst]), f"{where} {state} (at {1e-3 * pressure_Pa:.3g} kPa)")
+        used, end = (100.0 * abs(stretch[worst]), 100.0 * abs(stretch_end[worst]))
+        state = f"is {word} by {used:.1f} %, its model ends at {end:.1f} %"
+    return PlaceInRange(
+        float(fractions[kind, worst]), f"{section_text} {state} (at {1e-3 * pressure_Pa:.3g} kPa)"
+    )
 
 
 def check_pressure(section: SectionBody, pressure_Pa: float, residual_N: float, iterations: int) -> None:

@@ -156,7 +156,7 @@ class BeamRings(LeafElement):
 
     @cached_property
     def arrays(self) -> BeamArrays:
-        """The beams as the kernels know them."""
+        """The beams, for kernels."""
         rings, directors, lengths = writable(self.rings), writable(self.directors), writable(self.lengths)
         return BeamArrays(rings, directors, lengths, self.section.rigidities)
 
@@ -171,14 +171,14 @@ class BeamRings(LeafElement):
 
         Args:
             positions: (n, 3) [m].
-            memory: (values,), from which the turns are sought.
+            memory: (values,), initial guess of the turns.
         """
         size = self.section.width_m, self.section.height_m
         return np.asarray(peak_strains(positions, self.arrays, *size, memory))
 
 
 class StiffenerStrain(NamedTuple):
-    """How far stiffeners are strained.
+    """Strain of stiffeners, and their strength.
 
     Args:
         peak: largest strain of a fibre.
@@ -192,21 +192,21 @@ class StiffenerStrain(NamedTuple):
 def stiffener_strain(body: SoftBody, positions: Array) -> StiffenerStrain | None:
     """Return the strain of the stiffeners nearest to their strength, or farthest beyond it; None without any.
 
-    Of those whose strength nobody said, the strain of those strained most.
+    Of stiffeners with unknown strength, the largest strain.
 
     Args:
         body: with or without rings of beams.
         positions: (n, 3) [m].
     """
-    x, found = np.array(positions, order="C"), list[StiffenerStrain]()
+    x, of_rings = np.array(positions, order="C"), list[StiffenerStrain]()
     for beams in body.of_kind(BeamRings):
         strains = beams.peak_strains(x, beams.first_memory(body.positions))
-        found.append(StiffenerStrain(float(strains.max()), beams.section.strength_strain))
-    return max(found, key=lambda entry: (entry.peak / entry.strength, entry.peak), default=None)
+        of_rings.append(StiffenerStrain(float(strains.max()), beams.section.strength_strain))
+    return max(of_rings, key=lambda strain: (strain.peak / strain.strength, strain.peak), default=None)
 
 
 def stiffener_report(body: SoftBody) -> str:
-    """Return what stiffeners a body has, for people."""
+    """Return a description of a body's stiffeners."""
     sections = dict.fromkeys(beams.section for beams in body.of_kind(BeamRings))
     texts = [
         f"beams of {1e3 * section.width_m:g} x {1e3 * section.height_m:g} mm, "

@@ -60,17 +60,19 @@ def check_chambers(chambers: Sequence[GasChamber], triangles: int, caps: int) ->
     names = [chamber.name for chamber in chambers]
     if len(set(names)) < len(names):
         raise MeshError(f"chambers are called {', '.join(names)}; names must differ")
-    for what, count, places in (
+    for kind, count, indices in (
         ("triangle", triangles, np.concatenate([chamber.triangles for chamber in chambers])),
         ("cap", caps, np.array([cap for chamber in chambers for cap in chamber.caps], dtype=np.int64)),
     ):
-        used = np.zeros(count, dtype=np.int64)
-        if places.size and (places.min() < 0 or places.max() >= count):
-            raise MeshError(f"a chamber has {what} {int(places.max())}; there are {count}")
-        np.add.at(used, places, 1)
-        if (used != 1).any():
-            wrong = int(np.flatnonzero(used != 1)[0])
-            raise MeshError(f"{what} {wrong} belongs to {used[wrong]} chambers; it must belong to one")
+        owners = np.zeros(count, dtype=np.int64)
+        if indices.size and (indices.min() < 0 or indices.max() >= count):
+            raise MeshError(f"a chamber has {kind} {int(indices.max())}; there are {count}")
+        np.add.at(owners, indices, 1)
+        if (owners != 1).any():
+            first_wrong = int(np.flatnonzero(owners != 1)[0])
+            raise MeshError(
+                f"{kind} {first_wrong} belongs to {owners[first_wrong]} chambers; it must belong to one"
+            )
 
 
 def by_film(
@@ -106,8 +108,8 @@ def by_film(
             f"triangle {wrong} belongs to {films[wrong]} of the face groups {_names(film)}, "
             "which have films; it must belong to one"
         )
-    parts = [(groups[name], own) for name, own in film.items() if len(groups[name])]
-    return [(triangles[places], own, panel[places]) for places, own in parts]
+    films_of_groups = [(groups[name], group_film) for name, group_film in film.items() if len(groups[name])]
+    return [(triangles[indices], group_film, panel[indices]) for indices, group_film in films_of_groups]
 
 
 def _names(groups: Iterable[str]) -> str:
@@ -151,10 +153,10 @@ class BodyParts(TypedDict, total=False):
 
 def _hinges(x: Array, parts: BodyParts) -> Hinges:
     """Return the hinges of a body with nodes x (n, 3) [m]."""
-    given, rest = parts.get("hinge_nodes"), parts.get("hinge_rest_angle")
-    nodes = _nodes("hinges", np.zeros((0, 4)) if given is None else given, len(x))
+    given_nodes, given_angles = parts.get("hinge_nodes"), parts.get("hinge_rest_angle")
+    nodes = _nodes("hinges", np.zeros((0, 4)) if given_nodes is None else given_nodes, len(x))
     stiffness = np.broadcast_to(parts.get("hinge_stiffness", 0.0), (len(nodes),))
-    angle = dihedral_angle(x, nodes) if rest is None else np.array(rest)
+    angle = dihedral_angle(x, nodes) if given_angles is None else np.array(given_angles)
     return Hinges(nodes, np.array(stiffness, dtype=np.float64), angle, parts.get("fold_barrier_rad", 0.0))
 
 
@@ -300,7 +302,9 @@ class SoftBody:
     def enclosures(self) -> list[tuple[IntArray, list[IntArray]]]:
         """Film triangles (t, 3) and caps of each chamber."""
         triangles, caps = self.triangles, self.caps
-        return [(triangles[part.triangles], [caps[k] for k in part.caps]) for part in self.gas_chambers]
+        return [
+            (triangles[chamber.triangles], [caps[k] for k in chamber.caps]) for chamber in self.gas_chambers
+        ]
 
     @classmethod
     def from_arrays(
@@ -326,11 +330,13 @@ class SoftBody:
             raise TypeError(f"from_arrays() got an unexpected keyword argument {min(unknown)!r}")
         x = np.array(positions, dtype=np.float64, order="C")
         tri, panel_m = _nodes("triangles", triangles, len(x)), parts.get("wrinkle_panel_m", 0.0)
-        own = by_film(tri, film, parts.get("face_groups") or {}, panel_m)
-        films = [membrane.Membranes.from_shape(x, *part) for part in own]
+        films = by_film(tri, film, parts.get("face_groups") or {}, panel_m)
+        membranes = [
+            membrane.Membranes.from_shape(x, *triangles_film_panel) for triangles_film_panel in films
+        ]
         return cls(
             positions=x,
-            elements=(*films, _hinges(x, parts), *parts.get("cables", ())),
+            elements=(*membranes, _hinges(x, parts), *parts.get("cables", ())),
             caps=tuple(_indices(ring) for ring in parts.get("caps", ())),
             closed=parts.get("closed", True),
             node_mass=np.array(np.broadcast_to(parts.get("node_mass", 0.0), (len(x),)), dtype=np.float64),
@@ -389,9 +395,9 @@ class SoftBody:
             weights.append(np.full(len(self.before_tip), -1.0 / len(self.before_tip)))
             return np.concatenate([self.tip, self.before_tip]), np.concatenate(weights)
         nodes = np.unique(self.rings[TIP_END])
-        away = self.positions[nodes] - self.positions[nodes].mean(axis=0)
-        along = away @ self.tip_along
-        across = away - np.outer(along, self.tip_along)
+        from_mean = self.positions[nodes] - self.positions[nodes].mean(axis=0)
+        along = from_mean @ self.tip_along
+        across = from_mean - np.outer(along, self.tip_along)
         across = across @ np.linalg.svd(across, full_matrices=False)[2][0]
         return nodes, np.linalg.pinv(np.stack([along, across], axis=1))[0]
 
@@ -415,8 +421,8 @@ class SoftBody:
         r = positions[self.tip]
         if self.tip_is_line:
             nodes, weights = self.tip_way
-            way = weights @ positions[nodes]
-            return np.asarray(way / np.linalg.norm(way))
+            direction = weights @ positions[nodes]
+            return np.asarray(direction / np.linalg.norm(direction))
         area = cross(r, r[np.arange(1, len(r) + 1) % len(r)]).sum(axis=0)
         return np.asarray(area / np.linalg.norm(area))
 
@@ -433,10 +439,10 @@ def _with_neighbours_joined(elements: list[Element]) -> list[Element]:
     return joined
 
 
-def _nodes(what: str, values: object, count: int) -> IntArray:
+def _nodes(kind: str, values: object, count: int) -> IntArray:
     nodes = _indices(values)
     if nodes.size and (nodes.min() < 0 or nodes.max() >= count):
-        raise MeshError(f"{what} refer to node {int(nodes.max())}; there are nodes 0 to {count - 1}")
+        raise MeshError(f"{kind} refer to node {int(nodes.max())}; there are nodes 0 to {count - 1}")
     return nodes
 
 
@@ -452,7 +458,7 @@ def stored_energy(body: SoftBody, positions: Array) -> dict[type[DirectElement],
         body: with the elements.
         positions: (n, 3) [m].
     """
-    x = np.array(positions, order="C")  # kernels take none that is read-only
+    x = np.array(positions, order="C")  # a writable copy, as kernels need it
     no_slots, unused, no_blocks = np.zeros((0, 0), np.int64), np.zeros_like(x), np.zeros((0, 3, 3))
     energy: dict[type[DirectElement], float] = {}
     for element in body.of_kind(DirectElement):  # type: ignore[type-abstract]

@@ -1,4 +1,4 @@
-"""Bodies made of bodies: copies side by side, as a gripper's fingers, and a body on the tip of another."""
+"""Bodies from bodies: copies side by side, such as the fingers of a gripper; a body on another's tip."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from cosim.soft.elements.frame_ring import FrameRings
 
 
 def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
-    """Return copies of a body side by side, as one body; they have only flange and gravity in common.
+    """Return copies of a body side by side, as one body; they share only the flange and gravity.
 
     The gas chamber of copy k is called `copy_k`. The first copy gives the tip and keeps the names of its
     rings, which are `copy_1/` and the name as well; those of copy k = 2, 3, ... are called `copy_k/` and the
@@ -54,25 +54,25 @@ def copies(body: SoftBody, poses: Sequence[Pose]) -> SoftBody:
 
 def _elements(body: SoftBody, shift: Sequence[int]) -> tuple[Element, ...]:
     """Return the elements of all copies; nodes of copy k are shifted by shift[k]."""
-    found: list[Element] = []
+    elements: list[Element] = []
     for kind in body.kinds:
-        own = body.of_kind(kind)
+        of_kind = body.of_kind(kind)
         if kind.merges:
-            found += [kind.joined([entry.shifted(s) for s in shift]) for entry in own]
+            elements += [kind.joined([entry.shifted(s) for s in shift]) for entry in of_kind]
         else:
-            found += [entry.shifted(s) for s in shift for entry in own]
-    return tuple(found)
+            elements += [entry.shifted(s) for s in shift for entry in of_kind]
+    return tuple(elements)
 
 
 def _chambers(body: SoftBody, number: int) -> tuple[GasChamber, ...]:
     """Return the chambers of all copies: "copy_2", or "copy_2/NAME" if a copy has several."""
-    triangles, caps, own = len(body.triangles), len(body.caps), body.gas_chambers
+    triangles, caps, chambers = len(body.triangles), len(body.caps), body.gas_chambers
     return tuple(
-        part.shifted(
-            f"copy_{k + 1}" if len(own) == 1 else f"copy_{k + 1}/{part.name}", k * triangles, k * caps
+        chamber.shifted(
+            f"copy_{k + 1}" if len(chambers) == 1 else f"copy_{k + 1}/{chamber.name}", k * triangles, k * caps
         )
         for k in range(number)
-        for part in own
+        for chamber in chambers
     )
 
 
@@ -159,14 +159,14 @@ def attached(
 
 def _attached_elements(body: SoftBody, part: SoftBody, name: str) -> tuple[Element, ...]:
     """Return the elements of the body, then those of the part; kinds allowed once per body are joined."""
-    found: list[Element] = []
+    elements: list[Element] = []
     for kind in dict.fromkeys((*body.kinds, *part.kinds)):
-        own, further = body.of_kind(kind), [_beyond(entry, body.nodes) for entry in part.of_kind(kind)]
+        of_body, of_part = body.of_kind(kind), [_beyond(entry, body.nodes) for entry in part.of_kind(kind)]
         try:
-            found += [kind.joined([*own, *further])] if kind.single else [*own, *further]
+            elements += [kind.joined([*of_body, *of_part])] if kind.single else [*of_body, *of_part]
         except MeshError as error:
             raise MeshError(f"{name} cannot be attached: {error}") from None
-    return tuple(found)
+    return tuple(elements)
 
 
 def _beyond(element: Element, nodes: int) -> Element:
@@ -176,12 +176,12 @@ def _beyond(element: Element, nodes: int) -> Element:
 
 
 def _attached_chambers(body: SoftBody, own_chamber: str, part: SoftBody, name: str) -> tuple[GasChamber, ...]:
-    own = tuple(
+    of_body = tuple(
         replace(chamber, name=own_chamber) if chamber.name == ONLY_CHAMBER else chamber
         for chamber in body.gas_chambers
     )
     triangles, caps = len(body.triangles), len(body.caps)
-    return own + tuple(
+    return of_body + tuple(
         chamber.shifted(name if chamber.name == ONLY_CHAMBER else f"{name}/{chamber.name}", triangles, caps)
         for chamber in part.gas_chambers
     )

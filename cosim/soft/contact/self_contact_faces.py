@@ -72,8 +72,8 @@ class FilmFaces:
     def apart(cls, one: "FilmFaces", other: "FilmFaces") -> "FilmFaces":
         """Return the faces of two films that can meet each other, but not themselves."""
         nodes, faces, units = 1 + int(one.triangles.max()), len(one.unit_of_face), one.units
-        first = np.arange(faces + len(other.unit_of_face)) < faces
-        relation = np.where(first[:, None] != first[None, :], Relation.APART, Relation.NONE)
+        is_of_first = np.arange(faces + len(other.unit_of_face)) < faces
+        relation = np.where(is_of_first[:, None] != is_of_first[None, :], Relation.APART, Relation.NONE)
         return cls(
             np.concatenate((one.triangles, nodes + other.triangles)),
             np.concatenate((one.face, faces + other.face)),
@@ -135,9 +135,9 @@ def _welded_flat(triangles: IntArray) -> IntArray:
     _, edge, count = np.unique(
         np.sort(surface.directed_edges(triangles), axis=1), axis=0, return_inverse=True, return_counts=True
     )
-    rows = np.argsort(edge.ravel(), kind="stable")
-    same = (np.diff(edge.ravel()[rows]) == 0) & (count[edge.ravel()[rows[1:]]] > 2)
-    return np.stack([rows[:-1][same], rows[1:][same]], axis=1) // 3
+    order = np.argsort(edge.ravel(), kind="stable")
+    is_weld = (np.diff(edge.ravel()[order]) == 0) & (count[edge.ravel()[order[1:]]] > 2)
+    return np.stack([order[:-1][is_weld], order[1:][is_weld]], axis=1) // 3
 
 
 def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
@@ -150,11 +150,13 @@ def _relations(unit: IntArray, valleys: IntArray) -> IntArray:
     a, b = valleys[unit[valleys[:, 0]] != unit[valleys[:, 1]]].T
     hops = shortest_path(neighbours & ~np.eye(len(neighbours), dtype=bool), unweighted=True)
     towards = np.zeros((len(unit), len(neighbours)), dtype=bool)
-    for near, far in ((a, b), (b, a)):
-        np.logical_or.at(towards, near, hops[unit[far]] < hops[unit[near]])
+    for near_face, far_face in ((a, b), (b, a)):
+        np.logical_or.at(towards, near_face, hops[unit[far_face]] < hops[unit[near_face]])
     # far sides of two units face each other through the units in between, as after a penetration
-    away = ~towards[:, unit]
-    meet = ~neighbours[np.ix_(unit, unit)] & ~(away & away.T & np.isfinite(hops)[np.ix_(unit, unit)])
+    faces_away = ~towards[:, unit]
+    meet = ~neighbours[np.ix_(unit, unit)] & ~(
+        faces_away & faces_away.T & np.isfinite(hops)[np.ix_(unit, unit)]
+    )
     relation = np.where(meet, Relation.APART, Relation.NONE)
     relation[a, b] = relation[b, a] = Relation.VALLEY
     return np.ascontiguousarray(relation, dtype=np.int64)

@@ -24,7 +24,7 @@ _LEAST_WARP: Final = 1e-3  # of the warp's direction that has to lie in a triang
 @final
 @dataclass(frozen=True)
 class Fabric:
-    """What a woven film has besides the modulus along its warp.
+    """Constants of woven film in addition to the modulus along its warp.
 
     Args:
         modulus_weft_Pa: E_2.
@@ -44,8 +44,8 @@ class Fabric:
     straight_strain: tuple[float, float] = (0.01, 0.01)
 
     def __post_init__(self) -> None:
-        given = (self.modulus_weft_Pa, self.shear_modulus_Pa, *self.straight_strain)
-        if not all(0.0 < value < math.inf for value in given):
+        positive_constants = (self.modulus_weft_Pa, self.shear_modulus_Pa, *self.straight_strain)
+        if not all(0.0 < constant < math.inf for constant in positive_constants):
             raise InputError(f"fabric has a constant that is not positive and finite: {self}")
         if not 0.0 < math.hypot(*self.warp_direction) < math.inf:
             raise InputError(f"warp_direction is {self.warp_direction}; it must have a length")

@@ -23,7 +23,7 @@ AIR_CONSTANT_J_kg_K: Final = 287.05
 
 
 def absolute_pressure(pressure: float, volume_0: float, exponent: float, volume: float) -> float:
-    """Return p [Pa] at a volume [m^3]; infinite where undefined. Kernels are compiled from it as well.
+    """Return p [Pa] at a volume [m^3]; infinite where undefined; also compiled in kernels.
 
     Args:
         pressure: [Pa], at volume_0.
@@ -37,7 +37,7 @@ def absolute_pressure(pressure: float, volume_0: float, exponent: float, volume:
 
 
 def gas_potential(pressure: float, volume_0: float, exponent: float, ambient: float, volume: float) -> float:
-    """Return U [J] at a volume [m^3], zero at volume_0; infinite where undefined. Of kernels as well.
+    """Return U [J] at a volume [m^3], zero at volume_0; infinite where undefined; also compiled in kernels.
 
     Args:
         pressure: [Pa], at volume_0.
@@ -102,7 +102,7 @@ class SealedGas:
         return absolute_pressure(self.pressure_Pa, self.volume_m3, self.exponent, volume_m3)
 
     def gauge_pressure(self, volume_m3: float) -> float:
-        """Return p - p_a [Pa] at a volume [m^3], what acts on the film."""
+        """Return the gauge pressure p - p_a [Pa] at a volume [m^3]."""
         return self.absolute_pressure(volume_m3) - self.ambient_Pa
 
     def potential(self, volume_m3: float) -> float:
@@ -110,7 +110,7 @@ class SealedGas:
         return gas_potential(*self.numbers, volume_m3)
 
     def at(self, volume_m3: float) -> SealedGas:
-        """Return the same gas, stated at another volume [m^3].
+        """Return the same gas with its state at another volume [m^3].
 
         Raises:
             InputError: the volume is not positive.
@@ -128,19 +128,19 @@ class SealedGas:
         return replace(self, pressure_Pa=self.pressure_Pa * mass_kg / self.mass_kg)
 
     def towards(self, end: SealedGas, fraction: float) -> SealedGas:
-        """Return a gas between this one and another, with a part of the other's pressure at this volume."""
-        there = end.at(self.volume_m3)
+        """Return a gas between this one and another, by pressure and temperature at this volume."""
+        end_here = end.at(self.volume_m3)
         return replace(
-            there,
-            pressure_Pa=(1.0 - fraction) * self.pressure_Pa + fraction * there.pressure_Pa,
-            temperature_K=(1.0 - fraction) * self.temperature_K + fraction * there.temperature_K,
+            end_here,
+            pressure_Pa=(1.0 - fraction) * self.pressure_Pa + fraction * end_here.pressure_Pa,
+            temperature_K=(1.0 - fraction) * self.temperature_K + fraction * end_here.temperature_K,
         )
 
 
 def leak(gas: SealedGas, volume_m3: float, conductance_kg_s_Pa: float, step_s: float) -> SealedGas:
     """Return the gas after it has leaked for a while, dm/dt = -c (p - p_a).
 
-    At constant volume and temperature p - p_a decays as exp(-c R T t / V), whatever the step.
+    At constant volume and temperature p - p_a decays as exp(-c R T t / V), exactly for any step.
 
     Args:
         gas: before.
@@ -148,10 +148,10 @@ def leak(gas: SealedGas, volume_m3: float, conductance_kg_s_Pa: float, step_s: f
         conductance_kg_s_Pa: c, at least 0.
         step_s: time.
     """
-    here = gas.at(volume_m3)
-    rise = here.pressure_Pa / here.mass_kg  # dp/dm = R T / V
+    gas_now = gas.at(volume_m3)
+    rise = gas_now.pressure_Pa / gas_now.mass_kg  # dp/dm = R T / V
     fraction = -math.expm1(-conductance_kg_s_Pa * rise * step_s)
-    return here.with_mass(here.mass_kg - fraction * (here.pressure_Pa - here.ambient_Pa) / rise)
+    return gas_now.with_mass(gas_now.mass_kg - fraction * (gas_now.pressure_Pa - gas_now.ambient_Pa) / rise)
 
 
 def exchange(

@@ -75,33 +75,33 @@ class OpenCapSolver(LinearSolver):
         Without the springs, under pressure and without the pull of its caps, the closed body would buckle
         like a column.
         """
-        nodes, places, inside, vectors = self._rims(tuple(ring for ring, _ in self.extra))
-        slots, axes, held = self._diagonal[nodes], np.arange(3), blocks.copy()
+        nodes, entries_of_rings, inside, vectors = self._rims(tuple(ring for ring, _ in self.extra))
+        slots, axes, sprung_blocks = self._diagonal[nodes], np.arange(3), blocks.copy()
         springs = np.abs(blocks[slots][:, axes, axes])
-        held[slots[:, None], axes, axes] += springs
+        sprung_blocks[slots[:, None], axes, axes] += springs
         stiffness = -np.diag(springs.ravel())
-        for place, (_, part) in zip(places, self.extra, strict=True):
-            stiffness[place] += part
+        for entries, (_, cap_terms) in zip(entries_of_rings, self.extra, strict=True):
+            stiffness[entries] += cap_terms
         stiffness = stiffness[inside]
         if low_rank is None:
-            return held, vectors, stiffness
+            return sprung_blocks, vectors, stiffness
         dense = low_rank.vectors.reshape(len(low_rank.vectors), -1)
         from scipy.linalg import block_diag  # imported here because it takes long to load
 
         middle = block_diag(stiffness, np.diag(low_rank.coefficients))
-        return held, np.concatenate([vectors, dense]), middle
+        return sprung_blocks, np.concatenate([vectors, dense]), middle
 
     def _rims(self, rings: tuple[IntArray, ...]) -> _Rims:
         """Return their nodes, places of each one's entries in E, those of free components, and S^T."""
         if self._known is None or not all(a is b for a, b in zip(rings, self._known[0], strict=True)):
             nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *rings]))
             components = _components(nodes)
-            own = [np.searchsorted(components, _components(ring)) for ring in rings]
+            indices_of_rings = [np.searchsorted(components, _components(ring)) for ring in rings]
             inside = np.flatnonzero(self.free.ravel()[components])
             vectors = np.zeros((len(inside), 3 * self.pattern.nodes))
             vectors[np.arange(len(inside)), components[inside]] = 1.0
-            places = [np.ix_(place, place) for place in own]
-            self._known = rings, (nodes, places, np.ix_(inside, inside), vectors)
+            entries_of_rings = [np.ix_(indices, indices) for indices in indices_of_rings]
+            self._known = rings, (nodes, entries_of_rings, np.ix_(inside, inside), vectors)
         return self._known[1]
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
@@ -142,18 +142,20 @@ def without_spring(mesh: NamedMesh, hinges: IntArray) -> Mask:
         mesh: a stack of polygonal units.
         hinges: (h, 4) nodes i, j, k, l; j-k is the edge.
     """
-    bare = {_DIAGONAL, *_CORNER_LINES} if len(mesh.ring(mesh.base_ring)) == 4 else {_DIAGONAL}
-    places = _places(mesh)
-    return np.array([frozenset({places[j], places[k]}) in bare for j, k in hinges[:, 1:3]], dtype=bool)
+    springless = {_DIAGONAL, *_CORNER_LINES} if len(mesh.ring(mesh.base_ring)) == 4 else {_DIAGONAL}
+    node_kinds = _places(mesh)
+    return np.array(
+        [frozenset({node_kinds[j], node_kinds[k]}) in springless for j, k in hinges[:, 1:3]], dtype=bool
+    )
 
 
 def _places(mesh: NamedMesh) -> list[str]:
     """Return where each node lies: "hole", or the ring and whether at a corner or an edge midpoint."""
-    places = ["hole"] * len(mesh.positions)
+    node_kinds = ["hole"] * len(mesh.positions)
     for name, ring in mesh.rings.items():
         kind = name.rpartition(".")[2]
         if kind in ("lower", "outer", "upper"):
-            for place, node in enumerate(ring):
+            for index, node in enumerate(ring):
                 ring_name = "outer" if kind == "outer" else "mid"
-                places[node] = f"{ring_name} {'edge' if place % 2 else 'corner'}"
-    return places
+                node_kinds[node] = f"{ring_name} {'edge' if index % 2 else 'corner'}"
+    return node_kinds

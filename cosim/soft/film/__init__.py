@@ -1,1 +1,1 @@
-"""A film as kernels know it: what most bodies are made of, as arrays, and what its terms add."""
+"""The potential of a film with gradient and tangent, as sums of kernels."""

@@ -37,7 +37,7 @@ class _LossyFilm:
 
 @final
 class StrainRates:
-    """Viscous losses of a body's materials, for the step that was filled last.
+    """Viscous losses of a body's materials in the step that `fill` has prepared.
 
     Args:
         body: with at least one film with a loss factor.
@@ -45,15 +45,20 @@ class StrainRates:
 
     def __init__(self, body: SoftBody) -> None:
         self._films = [
-            _LossyFilm(k, each.arrays, each.film.loss_time_s, np.zeros((len(each.arrays.drawn), RATE_ROOM)))
-            for k, each in enumerate(body.membranes)
-            if each.film.loss_factor
+            _LossyFilm(
+                k,
+                membranes.arrays,
+                membranes.film.loss_time_s,
+                np.zeros((len(membranes.arrays.drawn), RATE_ROOM)),
+            )
+            for k, membranes in enumerate(body.membranes)
+            if membranes.film.loss_factor
         ]
         bent = len(body.hinges.coupled)
         self.hinges = body.hinges.arrays.nodes[:bent]
         """(h, 4) nodes of the hinges with angles in the memory."""
-        place = body.memory_slices[body.elements.index(body.hinges)]
-        self.angles = slice(place.start, place.start + bent)
+        hinge_slice = body.memory_slices[body.elements.index(body.hinges)]
+        self.angles = slice(hinge_slice.start, hinge_slice.start + bent)
         """Slice of these angles in the memory."""
         self._spring_s = hinge_times(body, self.hinges) * body.hinges.stiffness[:bent]
         self._stiffness, self._angle = np.zeros(bent), np.zeros(bent)
@@ -96,11 +101,11 @@ class StrainRates:
             gradient: (n, 3) [N].
             blocks: (b, 3, 3) [N/m].
         """
-        found = [
+        film_calls = [
             Call(add_triangle_rates, (film.rows, film.rates, triangle_slots[film.number], gradient, blocks))
             for film in self._films
         ]
-        return [*found, Call(add_hinges, (self._springs, angles, hinge_slots, gradient, blocks))]
+        return [*film_calls, Call(add_hinges, (self._springs, angles, hinge_slots, gradient, blocks))]
 
     def begin(self, x: Array, earlier_x: Array | None, span: float) -> None:
         """Prepare a step without a known memory of the elements, see `fill`."""
@@ -121,9 +126,10 @@ class StrainRates:
 
     def _at(self, x: Array) -> tuple[float, Array]:
         before, gradient = self._memory[self.angles], np.zeros_like(x)
-        none, angles = [_NO_TABLE] * (1 + self._films[-1].number), Remembered(before, np.empty_like(before))
-        calls = self.calls(angles, none, _NO_TABLE, gradient, _NO_BLOCKS)
-        return sum(leaf(x, *given) for leaf, given in calls), gradient
+        no_slots = [_NO_TABLE] * (1 + self._films[-1].number)
+        angles = Remembered(before, np.empty_like(before))
+        calls = self.calls(angles, no_slots, _NO_TABLE, gradient, _NO_BLOCKS)
+        return sum(leaf(x, *arguments) for leaf, arguments in calls), gradient
 
 
 def hinge_times(body: SoftBody, hinges: IntArray) -> Array:
@@ -136,11 +142,11 @@ def hinge_times(body: SoftBody, hinges: IntArray) -> Array:
     number = np.array([body.nodes, 1])
     keys = np.sort(hinges[:, 1:3], axis=1) @ number
     order = np.argsort(keys)
-    total, beside = np.zeros(len(hinges)), np.zeros(len(hinges))
-    for each in body.membranes if len(hinges) else ():
-        edges = np.sort(directed_edges(each.triangles), axis=1) @ number
+    total, triangle_count = np.zeros(len(hinges)), np.zeros(len(hinges))
+    for membranes in body.membranes if len(hinges) else ():
+        edges = np.sort(directed_edges(membranes.triangles), axis=1) @ number
         hinge = order[np.minimum(np.searchsorted(keys[order], edges), len(order) - 1)]
-        own = hinge[keys[hinge] == edges]
-        np.add.at(total, own, each.film.loss_time_s)
-        np.add.at(beside, own, 1.0)
-    return total / np.maximum(beside, 1.0)
+        their_hinges = hinge[keys[hinge] == edges]
+        np.add.at(total, their_hinges, membranes.film.loss_time_s)
+        np.add.at(triangle_count, their_hinges, 1.0)
+    return total / np.maximum(triangle_count, 1.0)

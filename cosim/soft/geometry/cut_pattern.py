@@ -34,12 +34,12 @@ _WELDED_BENDING: Final = 4.0  # of each sheet: two sheets as one, twice as thick
 @final
 @dataclass(frozen=True)
 class NodeChoice:
-    """Which nodes of a pattern a set has.
+    """Nodes of a pattern in a named set.
 
     Args:
         name: of the set.
         lines: nodes on these, or within closed ones.
-        box: lower left and upper right corner (2, 2) [m] of the drawing; None: `lines` say.
+        box: lower left and upper right corner (2, 2) [m] of the drawing; None: use `lines`.
         sheet: of the nodes; those of seams are of both.
         pair: of sheets, from 1; None: all pairs.
         corners_only: only the corners of the lines, in their order: a cable's eyelets.
@@ -105,7 +105,7 @@ class CutPattern:
 @final
 @dataclass(frozen=True)
 class Placing:
-    """How the drawing lies on the flange.
+    """Position and direction of the drawing on the flange.
 
     Args:
         along: direction of the drawing that leads away from the base.
@@ -126,7 +126,7 @@ class Placing:
 @final
 @dataclass(frozen=True)
 class FlatFilm:
-    """A pattern as it was understood: the mesh of one sheet, its chambers and welds.
+    """A pattern after meshing: the mesh of one sheet, its chambers and welds.
 
     Args:
         mesh: of one sheet.
@@ -162,10 +162,13 @@ def flat_film(pattern: CutPattern, along: str = "+y") -> FlatFilm:
     for line in (*pattern.cut, *pattern.holes, *pattern.seal, *pattern.folds, *pattern.frames):
         if np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum() < SAME_PLACE_M:
             raise MeshError(f"{line.where or 'a line'} at {in_mm(line.middle)} has no length: take it away")
-    met = flat_mesh.with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
-    first, second = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
+    joined_lines = flat_mesh.with_ends_met([*pattern.cut, *pattern.holes, *pattern.seal])
+    cut_end, holes_end = len(pattern.cut), len(pattern.cut) + len(pattern.holes)
     pattern = replace(
-        pattern, cut=tuple(met[:first]), holes=tuple(met[first:second]), seal=tuple(met[second:])
+        pattern,
+        cut=tuple(joined_lines[:cut_end]),
+        holes=tuple(joined_lines[cut_end:holes_end]),
+        seal=tuple(joined_lines[holes_end:]),
     )
     sheet = sheet_within((*pattern.cut, *pattern.holes))
     lines = _lines(pattern, sheet)
@@ -210,8 +213,8 @@ def _meshed_along(along: str, pattern: CutPattern, points: Array) -> FlatMesh:
     lines = _lines(pattern, sheet)
     edge_m = pattern.mesh_m or _edge_length(sheet, lines, pattern.ports)
     mesh = mesh_sheet(sheet, lines, _turned(points, along), edge_m)
-    back = {"+x": "-x", "-x": "+x"}.get(along, along)
-    return replace(mesh, positions=_turned(mesh.positions, back))
+    return_direction = {"+x": "-x", "-x": "+x"}.get(along, along)
+    return replace(mesh, positions=_turned(mesh.positions, return_direction))
 
 
 def _lines(pattern: CutPattern, sheet: Any) -> list[FlatLine]:
@@ -232,27 +235,27 @@ def _around_frame(line: DrawnLine, mesh: FlatMesh, shared: Mask) -> IntArray:
     shapely = extra_module("shapely", "pattern")
     if not line.closed:
         raise MeshError(f"{line.where} is open at {in_mm(line.points[-1])}: a frame is a closed line")
-    drawn, places = shapely.LineString(line.points), shapely.points(mesh.positions)
-    found = np.flatnonzero(shapely.distance(places, drawn) < SAME_PLACE_M)
-    loose = found[~shared[found]]
-    if len(loose):
+    frame_line, node_points = shapely.LineString(line.points), shapely.points(mesh.positions)
+    nodes = np.flatnonzero(shapely.distance(node_points, frame_line) < SAME_PLACE_M)
+    chamber_nodes = nodes[~shared[nodes]]
+    if len(chamber_nodes):
         raise MeshError(
-            f"{line.where} is over a chamber at {in_mm(mesh.positions[loose[0]])}: draw it along seams, "
-            "where the sheets are one"
+            f"{line.where} is over a chamber at {in_mm(mesh.positions[chamber_nodes[0]])}: draw it "
+            "along seams, where the sheets are one"
         )
-    return found[np.argsort(shapely.line_locate_point(drawn, places[found]), kind="stable")]
+    return nodes[np.argsort(shapely.line_locate_point(frame_line, node_points[nodes]), kind="stable")]
 
 
 def _check_followed(seam: Array, mesh: FlatMesh, edge_m: float) -> None:
     """Refuse a mesh whose welded edges do not follow a seam (k, 2) all along."""
     shapely = extra_module("shapely", "pattern")
-    drawn = shapely.LineString(seam)
-    at = np.linspace(0.0, drawn.length, 2 + int(4.0 * drawn.length / edge_m))
-    places = shapely.line_interpolate_point(drawn, at)
+    seam_line = shapely.LineString(seam)
+    distance_along_m = np.linspace(0.0, seam_line.length, 2 + int(4.0 * seam_line.length / edge_m))
+    samples = shapely.line_interpolate_point(seam_line, distance_along_m)
     edges = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
-    away = shapely.distance(places, edges)
-    if away.max() > 0.5 * edge_m:
-        point = np.array(places[int(np.argmax(away))].coords[0])
+    distance_m = shapely.distance(samples, edges)
+    if distance_m.max() > 0.5 * edge_m:
+        point = np.array(samples[int(np.argmax(distance_m))].coords[0])
         raise MeshError(f"the mesh does not follow the seam at {in_mm(point)}: set mesh_m to less")
 
 
@@ -263,36 +266,38 @@ def _seams(pattern: CutPattern, sheet: Any) -> list[Array]:
         flat_mesh.check_simple(line)
     if not pattern.seam_width_m:
         return [line.points for line in pattern.seal]
-    drawn = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
-    wide = shapely.intersection(drawn.buffer(0.5 * pattern.seam_width_m, cap_style="flat"), sheet)
+    center_lines = shapely.unary_union([shapely.LineString(line.points) for line in pattern.seal])
+    widened_seams = shapely.intersection(
+        center_lines.buffer(0.5 * pattern.seam_width_m, cap_style="flat"), sheet
+    )
     for port in pattern.ports:
-        if wide.contains(shapely.Point(*port.middle)):
+        if widened_seams.contains(shapely.Point(*port.middle)):
             raise MeshError(
                 f"{port.where or 'the port'} at {in_mm(port.middle)} lies within a seam of "
                 f"{1e3 * pattern.seam_width_m:g} mm: set seam_width_m to less, or move it"
             )
-    parts = getattr(wide, "geoms", (wide,))
-    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    polygons = getattr(widened_seams, "geoms", (widened_seams,))
+    rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
     return [np.array(ring.coords) for ring in rings]
 
 
 def _edge_length(sheet: Any, lines: Sequence[FlatLine], ports: Sequence[DrawnLine]) -> float:
-    """Return an edge length: a quarter of the largest distance from a seam, or what the area asks for."""
+    """Return an edge length: a quarter of the largest distance from a seam; more if the area is large."""
     shapely = extra_module("shapely", "pattern")
     walls = [shapely.LineString(line.points) for line in lines if line.kind & (LineKind.SEAL | LineKind.CUT)]
     faces = shapely.polygonize([shapely.unary_union(walls, grid_size=1e-9)]).geoms
     marks = [shapely.Point(*port.middle) for port in ports]
-    own = [face for face in faces if any(face.contains(mark) for mark in marks)] or [sheet]
-    depth = max(shapely.maximum_inscribed_circle(face).length for face in own)
+    chamber_faces = [face for face in faces if any(face.contains(mark) for mark in marks)] or [sheet]
+    depth = max(shapely.maximum_inscribed_circle(face).length for face in chamber_faces)
     return float(max(depth / _EDGES_TO_SEAM, math.sqrt(sheet.area / (0.433 * _MOST_BY_DEFAULT))))
 
 
 def _neighbours(triangles: IntArray) -> dict[tuple[int, int], list[int]]:
     """Return the triangles at each edge, by its nodes, ascending."""
-    found: dict[tuple[int, int], list[int]] = {}
+    owners: dict[tuple[int, int], list[int]] = {}
     for row, (a, b) in enumerate(np.sort(surface.directed_edges(triangles), axis=1).tolist()):
-        found.setdefault((a, b), []).append(row // 3)
-    return found
+        owners.setdefault((a, b), []).append(row // 3)
+    return owners
 
 
 def _connected(mesh: FlatMesh, pattern: CutPattern) -> tuple[list[list[int]], dict[int, tuple[int, int]]]:
@@ -335,18 +340,18 @@ def _chambers(mesh: FlatMesh, pattern: CutPattern) -> IntArray:
         queue = [first]
         chamber[first] = number
         while queue:
-            here = queue.pop()
-            if here in open_edges and not pattern.open_ends:
-                middle = mesh.positions[list(open_edges[here])].mean(axis=0)
+            triangle = queue.pop()
+            if triangle in open_edges and not pattern.open_ends:
+                middle = mesh.positions[list(open_edges[triangle])].mean(axis=0)
                 raise MeshError(
                     f"the chamber of {port.where or 'the port'} is open at {in_mm(middle)}: no seam closes "
                     "it there; draw it on layer SEAL; if all edges are welded, set body.edge = 'sealed' "
                     "(commands that read a drawing: --sealed)"
                 )
-            for other in beside[here]:
-                if chamber[other] < 0:
-                    chamber[other] = number
-                    queue.append(other)
+            for neighbour in beside[triangle]:
+                if chamber[neighbour] < 0:
+                    chamber[neighbour] = number
+                    queue.append(neighbour)
     return chamber
 
 
@@ -385,10 +390,10 @@ def _without_dead_corners(mesh: FlatMesh, chamber: IntArray) -> tuple[FlatMesh, 
         if not dead:
             break
         length = {edge: float(np.linalg.norm(x[edge[1]] - x[edge[0]])) for edge in dead}
-        taken: set[int] = set()
+        cut_triangles: set[int] = set()
         for edge in sorted(dead, key=lambda edge: (-round(length[edge], 9), edge)):
-            if taken.isdisjoint(around[edge]):
-                taken.update(around[edge])
+            if cut_triangles.isdisjoint(around[edge]):
+                cut_triangles.update(around[edge])
                 x, triangles, chamber = _with_cut_edge(x, triangles, chamber, edge, around[edge])
     return FlatMesh(x, triangles, mesh.edges, mesh.kinds), chamber
 
@@ -421,11 +426,13 @@ def _panel(mesh: FlatMesh, chamber: IntArray, joined: Mask) -> float:
     """Return the width [m] of the panels that wrinkle, see `FlatFilm`."""
     shapely = extra_module("shapely", "pattern")
     seams = shapely.MultiLineString(list(mesh.positions[mesh.edges_of(LineKind.SEAL)]))
-    away = np.zeros(len(mesh.positions))
+    seam_distance_m = np.zeros(len(mesh.positions))
     nodes = np.unique(mesh.triangles[chamber >= 0])
-    away[nodes] = shapely.distance(shapely.points(mesh.positions[nodes]), seams)
-    at_hole = away[mesh.edges_of(LineKind.HOLE)].max(initial=0.0) > away.max() - SAME_PLACE_M
-    return float(away.max()) if at_hole or joined.any() else 2.0 * float(away.max())
+    seam_distance_m[nodes] = shapely.distance(shapely.points(mesh.positions[nodes]), seams)
+    at_hole = (
+        seam_distance_m[mesh.edges_of(LineKind.HOLE)].max(initial=0.0) > seam_distance_m.max() - SAME_PLACE_M
+    )
+    return float(seam_distance_m.max()) if at_hole or joined.any() else 2.0 * float(seam_distance_m.max())
 
 
 def _chosen(choice: NodeChoice, mesh: FlatMesh, edge_m: float) -> IntArray:
@@ -434,28 +441,28 @@ def _chosen(choice: NodeChoice, mesh: FlatMesh, edge_m: float) -> IntArray:
     x = mesh.positions
     if choice.box is not None:
         low, high = np.sort(choice.box, axis=0)
-        found = np.flatnonzero(((x >= low - SAME_PLACE_M) & (x <= high + SAME_PLACE_M)).all(axis=1))
-        if not len(found):
+        nodes = np.flatnonzero(((x >= low - SAME_PLACE_M) & (x <= high + SAME_PLACE_M)).all(axis=1))
+        if not len(nodes):
             raise MeshError(f"set '{choice.name}': no node is in the box from {in_mm(low)} to {in_mm(high)}")
-        return found
+        return nodes
     if choice.corners_only:
         corners = np.concatenate([line.points for line in choice.lines])
-        away = np.linalg.norm(x[None] - corners[:, None], axis=2)
-        if away.min(axis=1).max() > SAME_PLACE_M:
-            worst = corners[np.argmax(away.min(axis=1))]
-            raise MeshError(f"set '{choice.name}': {in_mm(worst)} is outside the sheet")
-        return np.asarray(away.argmin(axis=1))
-    places, near = shapely.points(x), np.zeros(len(x), dtype=bool)
+        distance_m = np.linalg.norm(x[None] - corners[:, None], axis=2)
+        if distance_m.min(axis=1).max() > SAME_PLACE_M:
+            missed_corner = corners[np.argmax(distance_m.min(axis=1))]
+            raise MeshError(f"set '{choice.name}': {in_mm(missed_corner)} is outside the sheet")
+        return np.asarray(distance_m.argmin(axis=1))
+    node_points, is_near = shapely.points(x), np.zeros(len(x), dtype=bool)
     for line in choice.lines:
-        drawn = shapely.Polygon(line.points) if line.closed else shapely.LineString(line.points)
-        near |= shapely.distance(places, drawn) < SAME_PLACE_M
-    if not near.any():
+        shape = shapely.Polygon(line.points) if line.closed else shapely.LineString(line.points)
+        is_near |= shapely.distance(node_points, shape) < SAME_PLACE_M
+    if not is_near.any():
         raise MeshError(f"set '{choice.name}': its lines are outside the sheet")
-    found = np.flatnonzero(near)
+    nodes = np.flatnonzero(is_near)
     open_lines = [shapely.LineString(line.points) for line in choice.lines if not line.closed]
     if len(open_lines) == 1 and len(choice.lines) == 1:
-        found = found[np.argsort(shapely.line_locate_point(open_lines[0], places[found]), kind="stable")]
-    return found
+        nodes = nodes[np.argsort(shapely.line_locate_point(open_lines[0], node_points[nodes]), kind="stable")]
+    return nodes
 
 
 def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMesh:
@@ -474,15 +481,17 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     sheets, count = _numbered(film, pattern.pairs)
     positions, rise = np.zeros((count, 3)), _rise(film)
     for pair, (back, front) in enumerate(sheets):
-        for nodes, side in ((back, -0.5), (front, 0.5)):
-            height = pattern.pair_height_m * (pair + 0.5 + side * rise)
+        for nodes, sheet_side in ((back, -0.5), (front, 0.5)):
+            height = pattern.pair_height_m * (pair + 0.5 + sheet_side * rise)
             columns = (flat[:, 0], -height, flat[:, 1]) if placing.upright else (*flat.T, height)
             positions[nodes] = np.stack(columns, axis=1)
-    own, m = film.mesh.triangles, len(film.mesh.triangles)
-    triangles = np.concatenate([part for back, front in sheets for part in (front[own], back[own][:, ::-1])])
-    place = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
-    welded = place[:, :, film.chamber < 0].ravel()
-    bending = np.where(np.isin(place.ravel(), welded), _WELDED_BENDING, 1.0)
+    sheet, m = film.mesh.triangles, len(film.mesh.triangles)
+    triangles = np.concatenate(
+        [faces for back, front in sheets for faces in (front[sheet], back[sheet][:, ::-1])]
+    )
+    index = np.arange(len(triangles)).reshape(pattern.pairs, 2, m)
+    welded = index[:, :, film.chamber < 0].ravel()
+    bending = np.where(np.isin(index.ravel(), welded), _WELDED_BENDING, 1.0)
     caps = surface.rims(triangles)
     sets = {
         choice.name: _as_cap(_on_sheets(film.sets[choice.name], choice, flat, sheets), caps)
@@ -490,11 +499,11 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
     }
     ends = _tip_end(film, placing, flat) if len(placing.center) == 1 else np.zeros(0, np.int64)
     if len(ends):
-        sets[TIP_END] = np.unique(np.concatenate([side[ends] for pair in sheets for side in pair]))
+        sets[TIP_END] = np.unique(np.concatenate([nodes[ends] for pair in sheets for nodes in pair]))
     frames = {f"frame_{number}": sheets[0][0][nodes] for number, nodes in enumerate(film.frames, start=1)}
-    groups = {FRONT: place[:, 0].ravel(), BACK: place[:, 1].ravel(), WELDED: welded}
-    for number, name in enumerate(pattern.chambers):  # what is welded holds no gas, so any may have it
-        groups[name] = place[:, :, film.chamber.clip(0) == number].ravel()
+    groups = {FRONT: index[:, 0].ravel(), BACK: index[:, 1].ravel(), WELDED: welded}
+    for number, name in enumerate(pattern.chambers):  # welded film has no gas: any chamber may have it
+        groups[name] = index[:, :, film.chamber.clip(0) == number].ravel()
     return NamedMesh(
         positions=positions,
         triangles=triangles,
@@ -509,7 +518,7 @@ def inflatable(film: FlatFilm, pattern: CutPattern, placing: Placing) -> NamedMe
         face_values={"wrinkle_panel_m": np.full(len(triangles), film.panel_m), BENDING_FACTOR: bending},
         sheets=(FRONT, BACK),
         chambers=pattern.chambers,
-        creases=tuple(_placed(entry, placing, origin) for entry in pattern.creases),
+        creases=tuple(_placed(crease, placing, origin) for crease in pattern.creases),
         tip_along=np.array([0.0, not placing.upright, placing.upright], float) if len(ends) else None,
     )
 
@@ -546,11 +555,11 @@ def _numbered(film: FlatFilm, pairs: int) -> tuple[list[tuple[IntArray, IntArray
     sheets: list[tuple[IntArray, IntArray]] = []
     count = 0
     for pair in range(pairs):
-        new = ~film.joined if pair else np.ones(len(film.shared), dtype=bool)
-        back = count - 1 + np.cumsum(new)
+        is_new = ~film.joined if pair else np.ones(len(film.shared), dtype=bool)
+        back = count - 1 + np.cumsum(is_new)
         if pair:
             back = np.where(film.joined, sheets[-1][1], back)
-        count += int(new.sum())
+        count += int(is_new.sum())
         front = np.where(film.shared, back, count - 1 + np.cumsum(~film.shared))
         count += int((~film.shared).sum())
         sheets.append((back, front))
@@ -582,23 +591,23 @@ def _on_sheets(
         nodes = _around(nodes, flat)
     elif not ordered:
         nodes = nodes[np.lexsort((flat[nodes, 1], flat[nodes, 0]))]
-    found = np.zeros(0, np.int64)
+    on_sheets = np.zeros(0, np.int64)
     for back, front in sheets if choice.pair is None else [sheets[choice.pair - 1]]:
-        parts = {FRONT: (front[nodes],), BACK: (back[nodes],)}.get(
+        nodes_of_sheets = {FRONT: (front[nodes],), BACK: (back[nodes],)}.get(
             choice.sheet, (front[nodes], back[nodes][::-1])
         )
-        for part in parts:
-            found = np.concatenate([found, part[~np.isin(part, found)]])
-    return found
+        for sheet_nodes in nodes_of_sheets:
+            on_sheets = np.concatenate([on_sheets, sheet_nodes[~np.isin(sheet_nodes, on_sheets)]])
+    return on_sheets
 
 
 def _around(nodes: IntArray, flat: Array) -> IntArray:
     """Return nodes counter-clockwise around their mean."""
-    away = flat[nodes] - flat[nodes].mean(axis=0)
-    return nodes[np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable")]
+    from_mean = flat[nodes] - flat[nodes].mean(axis=0)
+    return nodes[np.argsort(np.arctan2(from_mean[:, 1], from_mean[:, 0]), kind="stable")]
 
 
 def film_area(film: FlatFilm, chamber: int) -> float:
-    """Return the flat area [m^2] of a chamber, or with -1 of what is welded flat."""
+    """Return the flat area [m^2] of a chamber, or with -1 that of the film that is welded flat."""
     areas = signed_area(film.mesh.positions, film.mesh.triangles)
     return float(areas[film.chamber == chamber].sum())

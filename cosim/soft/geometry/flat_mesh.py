@@ -24,7 +24,7 @@ _SMALLEST_M: Final = 1e-3
 
 
 def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
-    """Return lines whose open ends lie exactly on what they nearly touch, `SAME_PLACE_M` at most away."""
+    """Return lines with open ends moved onto points and lines that are at most `SAME_PLACE_M` away."""
     shapely = extra_module("shapely", "pattern")
     counts = [len(line.points) for line in lines]
     points = np.concatenate([np.zeros((0, 2)), *(line.points for line in lines)])
@@ -33,15 +33,17 @@ def with_ends_met(lines: Sequence[DrawnLine]) -> list[DrawnLine]:
     ends = np.concatenate([last - counts + 1, last])[np.tile(is_open, 2)].astype(np.int64)
     movable = np.zeros(len(points), dtype=bool)
     movable[ends] = True
-    near = scipy.spatial.cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
-    for end, around in sorted(zip(ends.tolist(), near, strict=True)):
-        there = sorted(around, key=lambda other: (movable[other], other))
-        points[end] = points[there[0]]
+    near_points = scipy.spatial.cKDTree(points).query_ball_point(points[ends], SAME_PLACE_M)
+    for end, around in sorted(zip(ends.tolist(), near_points, strict=True)):
+        by_priority = sorted(around, key=lambda index: (movable[index], index))
+        points[end] = points[by_priority[0]]
     walls = [shapely.LineString(part) for part in np.split(points, last[:-1] + 1) if len(part) > 1]
-    for end, around in zip(ends.tolist(), near, strict=True):
-        others = [wall for wall in walls if shapely.distance(shapely.Point(points[end]), wall) < SAME_PLACE_M]
-        if len(around) == 1 and len(others) > 1:  # on another line, between its corners
-            wall = max(others, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
+    for end, around in zip(ends.tolist(), near_points, strict=True):
+        near_walls = [
+            wall for wall in walls if shapely.distance(shapely.Point(points[end]), wall) < SAME_PLACE_M
+        ]
+        if len(around) == 1 and len(near_walls) > 1:  # on another line, between its corners
+            wall = max(near_walls, key=lambda wall: shapely.distance(shapely.Point(points[end]), wall))
             points[end] = np.array(shapely.shortest_line(wall, shapely.Point(points[end])).coords)[0]
     return [
         replace(line, points=part) for line, part in zip(lines, np.split(points, last[:-1] + 1), strict=True)
@@ -72,10 +74,10 @@ def sheet_within(cut: Sequence[DrawnLine]) -> Any:
     for ring in sorted((shapely.Polygon(face.exterior) for face in rings), key=lambda face: -face.area):
         sheet = sheet.symmetric_difference(ring)
     if sheet.is_empty or sheet.geom_type != "Polygon":
-        parts = sorted(getattr(sheet, "geoms", ()), key=lambda part: part.area)
-        point = np.array(parts[0].representative_point().coords[0]) if parts else np.zeros(2)
+        pieces = sorted(getattr(sheet, "geoms", ()), key=lambda polygon: polygon.area)
+        point = np.array(pieces[0].representative_point().coords[0]) if pieces else np.zeros(2)
         raise MeshError(
-            f"the outline has {len(parts)} pieces side by side, one at {in_mm(point)}; a pattern has one, "
+            f"the outline has {len(pieces)} pieces side by side, one at {in_mm(point)}; a pattern has one, "
             "with holes in it"
         )
     size = np.ptp(np.array(sheet.exterior.coords), axis=0)
@@ -90,14 +92,14 @@ def sheet_within(cut: Sequence[DrawnLine]) -> Any:
 def _check_apart(lines: Sequence[DrawnLine]) -> None:
     """Refuse outlines that cross one another, and closed ones that touch another; one may be drawn twice."""
     shapely = extra_module("shapely", "pattern")
-    drawn = [shapely.LineString(line.points) for line in lines]
-    first, second = shapely.STRtree(drawn).query(drawn, predicate="intersects")
+    outlines = [shapely.LineString(line.points) for line in lines]
+    first, second = shapely.STRtree(outlines).query(outlines, predicate="intersects")
     for a, b in zip(first.tolist(), second.tolist(), strict=True):
-        one, other = drawn[a], drawn[b]
-        touching = (lines[a].closed or lines[b].closed) and not one.equals(other)
-        if a < b and (touching or one.crosses(other)):
-            point = np.array(shapely.intersection(one, other).representative_point().coords[0])
-            how = "crosses" if one.crosses(other) else "touches"
+        outline, other_outline = outlines[a], outlines[b]
+        touching = (lines[a].closed or lines[b].closed) and not outline.equals(other_outline)
+        if a < b and (touching or outline.crosses(other_outline)):
+            point = np.array(shapely.intersection(outline, other_outline).representative_point().coords[0])
+            how = "crosses" if outline.crosses(other_outline) else "touches"
             raise MeshError(f"{lines[a].where} {how} {lines[b].where} at {in_mm(point)}: draw them apart")
 
 
@@ -108,16 +110,16 @@ def check_simple(line: DrawnLine) -> None:
         MeshError: with the place where it does.
     """
     shapely = extra_module("shapely", "pattern")
-    drawn = shapely.LineString(line.points)
-    if drawn.is_simple:
+    shape = shapely.LineString(line.points)
+    if shape.is_simple:
         return
-    noded = shapely.unary_union([drawn])
+    noded = shapely.unary_union([shape])
     ends = [np.array(piece.coords)[[0, -1]] for piece in getattr(noded, "geoms", (noded,))]
-    own = np.array(drawn.coords)[[0, -1]]  # meet of themselves where it is closed
+    own_ends = np.array(shape.coords)[[0, -1]]  # meet of themselves where it is closed
     cells, count = np.unique(
-        np.round(np.concatenate([*ends, own]) / SAME_PLACE_M), axis=0, return_counts=True
+        np.round(np.concatenate([*ends, own_ends]) / SAME_PLACE_M), axis=0, return_counts=True
     )
-    count -= 2 * (cells[:, None] == np.round(own / SAME_PLACE_M)).all(axis=2).sum(axis=1)
+    count -= 2 * (cells[:, None] == np.round(own_ends / SAME_PLACE_M)).all(axis=2).sum(axis=1)
     crossing = cells[np.argmax(count)] * SAME_PLACE_M
     raise MeshError(f"{line.where or 'a line'} crosses or covers itself at {in_mm(crossing)}")
 
@@ -159,7 +161,7 @@ MOST_TRIANGLES: Final = 40_000
 
 
 class LineKind(IntFlag):
-    """What a line of a sheet is; one line may be several."""
+    """Kind of a line of a sheet; one line may have several."""
 
     CUT = 1
     SEAL = 2
@@ -175,7 +177,7 @@ class FlatLine:
 
     Args:
         points: (k, 2) [m]; a closed line ends with its first point.
-        kind: what it is.
+        kind: one or several.
     """
 
     points: Array
@@ -210,9 +212,9 @@ class FlatMesh:
 
 def mirrored(points: Array, axis: int, at_m: float) -> Array:
     """Return points (k, 2) mirrored in the line where a coordinate has a value."""
-    result = np.array(points)
-    result[:, axis] = 2.0 * at_m - result[:, axis]
-    return result
+    image = np.array(points)
+    image[:, axis] = 2.0 * at_m - image[:, axis]
+    return image
 
 
 def mesh_sheet(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: float) -> FlatMesh:
@@ -228,26 +230,26 @@ def mesh_sheet(sheet: Any, lines: Sequence[FlatLine], points: Array, edge_m: flo
         MeshError: there would be too many triangles, or the lines leave no room for edges of that length.
     """
     if sheet.area / (0.433 * edge_m**2) > MOST_TRIANGLES:
-        least = math.sqrt(sheet.area / (0.433 * MOST_TRIANGLES))
+        shortest_m = math.sqrt(sheet.area / (0.433 * MOST_TRIANGLES))
         raise MeshError(
             f"edges of {1e3 * edge_m:.3g} mm make more than {MOST_TRIANGLES} triangles of this outline; "
-            f"set mesh_m to {least:.1g} or more"
+            f"set mesh_m to {shortest_m:.1g} or more"
         )
     axes = _axes(sheet, lines)
     for axis, at_m in axes:
         points = np.concatenate([points, mirrored(points, axis, at_m)])
         lines = [*lines, *(line.mirrored(axis, at_m) for line in lines if line.kind == LineKind.OTHER)]
-    around = [
+    circumferences_m = [
         np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
         for line in lines
         if line.kind == LineKind.HOLE
     ]
-    hole_m = min([edge_m, *(float(length) / _AROUND_HOLE for length in around)])
-    part, kept = sheet, list(lines)
+    hole_m = min([edge_m, *(float(length) / _AROUND_HOLE for length in circumferences_m)])
+    part_of_sheet, lines_of_part = sheet, list(lines)
     for axis, at_m in axes:
-        part, kept = _half(part, kept, axis, at_m)
+        part_of_sheet, lines_of_part = _half(part_of_sheet, lines_of_part, axis, at_m)
         points = points[points[:, axis] >= at_m - SAME_PLACE_M]
-    mesh = _meshed(part, kept, _distinct(points), (edge_m, hole_m))
+    mesh = _meshed(part_of_sheet, lines_of_part, _distinct(points), (edge_m, hole_m))
     for axis, at_m in reversed(axes):
         mesh = _doubled(mesh, axis, at_m)
     return mesh
@@ -257,17 +259,17 @@ def _axes(sheet: Any, lines: Sequence[FlatLine]) -> list[tuple[int, float]]:
     """Return the coordinates (axis, value) of the lines in which the sheet and its seams are symmetric."""
     shapely = extra_module("shapely", "pattern")
     low_x, low_y, high_x, high_y = sheet.bounds
-    found = []
+    symmetry_axes = []
     for axis, at_m in ((0, 0.5 * (low_x + high_x)), (1, 0.5 * (low_y + high_y))):
         alike = True
         for kind in (LineKind.CUT, LineKind.SEAL, LineKind.FOLD, LineKind.HOLE):
-            own = [line for line in lines if line.kind & kind]
-            one = shapely.MultiLineString([line.points for line in own])
-            other = shapely.MultiLineString([line.mirrored(axis, at_m).points for line in own])
-            alike = alike and (not own or shapely.difference(one, other.buffer(SAME_PLACE_M)).is_empty)
+            selected = [line for line in lines if line.kind & kind]
+            drawn = shapely.MultiLineString([line.points for line in selected])
+            image = shapely.MultiLineString([line.mirrored(axis, at_m).points for line in selected])
+            alike = alike and (not selected or shapely.difference(drawn, image.buffer(SAME_PLACE_M)).is_empty)
         if alike:
-            found.append((axis, at_m))
-    return found
+            symmetry_axes.append((axis, at_m))
+    return symmetry_axes
 
 
 def _half(sheet: Any, lines: list[FlatLine], axis: int, at_m: float) -> tuple[Any, list[FlatLine]]:
@@ -275,24 +277,24 @@ def _half(sheet: Any, lines: list[FlatLine], axis: int, at_m: float) -> tuple[An
     shapely = extra_module("shapely", "pattern")
     low, high = np.array(sheet.bounds[:2]) - 1.0, np.array(sheet.bounds[2:]) + 1.0
     low[axis] = at_m
-    kept = []
+    lines_of_half = []
     for line in lines:
         points = np.array(line.points)
         points[np.abs(points[:, axis] - at_m) < SAME_PLACE_M, axis] = at_m  # not just outside, by rounding
         pieces = _pieces(shapely.intersection(shapely.LineString(points), shapely.box(*low, *high)))
-        kept += [replace(line, points=np.array(piece.coords)) for piece in pieces]
+        lines_of_half += [replace(line, points=np.array(piece.coords)) for piece in pieces]
     ends = np.array([low, high])
     ends[:, axis] = at_m
-    cut = _pieces(shapely.intersection(shapely.LineString(ends), sheet))
-    kept += [FlatLine(np.array(piece.coords), LineKind.OTHER) for piece in cut]
-    return shapely.intersection(sheet, shapely.box(*low, *high)), kept
+    axis_lines = _pieces(shapely.intersection(shapely.LineString(ends), sheet))
+    lines_of_half += [FlatLine(np.array(piece.coords), LineKind.OTHER) for piece in axis_lines]
+    return shapely.intersection(sheet, shapely.box(*low, *high)), lines_of_half
 
 
 def _pieces(geometry: Any) -> list[Any]:
-    """Return the lines in a shapely geometry, points left out."""
+    """Return the lines in a shapely geometry, without its points."""
     if geometry.geom_type == "LineString":
         return [] if geometry.is_empty else [geometry]
-    return [piece for part in getattr(geometry, "geoms", ()) for piece in _pieces(part)]
+    return [piece for member in getattr(geometry, "geoms", ()) for piece in _pieces(member)]
 
 
 def _distinct(points: Array) -> Array:
@@ -315,11 +317,13 @@ def _meshed(sheet: Any, lines: Sequence[FlatLine], points: Array, lengths: tuple
     for _ in range(_ROUNDS):
         positions = _smoothed(positions, triangles, free)
         triangles = _delaunay(sheet, positions, edges)
-    used = np.unique(triangles)
+    used_nodes = np.unique(triangles)
     number = np.full(len(positions), -1)
-    number[used] = np.arange(len(used))
-    kept = (number[edges] >= 0).all(axis=1)
-    return FlatMesh(positions[used], number[triangles], np.sort(number[edges[kept]], axis=1), kinds[kept])
+    number[used_nodes] = np.arange(len(used_nodes))
+    remains = (number[edges] >= 0).all(axis=1)
+    return FlatMesh(
+        positions[used_nodes], number[triangles], np.sort(number[edges[remains]], axis=1), kinds[remains]
+    )
 
 
 def _divided(
@@ -334,26 +338,28 @@ def _divided(
     middles = shapely.points(ends.mean(axis=1))
     kinds = np.zeros(len(ends), np.int64)
     for kind in LineKind:
-        own = [line.points for line in lines if line.kind & kind]
-        if own:
-            near = shapely.distance(middles, shapely.MultiLineString(own)) < 0.5 * SAME_PLACE_M
-            kinds[near] |= int(kind)
-    found: list[Array] = []
-    of_kind: list[int] = []
+        of_kind_points = [line.points for line in lines if line.kind & kind]
+        if of_kind_points:
+            is_on_kind = (
+                shapely.distance(middles, shapely.MultiLineString(of_kind_points)) < 0.5 * SAME_PLACE_M
+            )
+            kinds[is_on_kind] |= int(kind)
+    edges: list[Array] = []
+    kind_of_edges: list[int] = []
     for chain, kinds_there in _chains(ends, kinds, points):
         open_hole = kinds_there & (LineKind.HOLE | LineKind.SEAL) == LineKind.HOLE
         pieces = _resampled(chain, lengths[open_hole])
-        found.append(np.stack([pieces[:-1], pieces[1:]], axis=1))
-        of_kind += [kinds_there] * (len(pieces) - 1)
-    both = np.concatenate(found)
-    flat = both.reshape(-1, 2)
-    _, first, place = np.unique(
-        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+        edges.append(np.stack([pieces[:-1], pieces[1:]], axis=1))
+        kind_of_edges += [kinds_there] * (len(pieces) - 1)
+    edge_ends = np.concatenate(edges)
+    end_points = edge_ends.reshape(-1, 2)
+    _, first, node_of_end = np.unique(
+        np.round(end_points / (0.25 * SAME_PLACE_M)).astype(np.int64),
         axis=0,
         return_index=True,
         return_inverse=True,
     )
-    return flat[first], place.reshape(-1, 2), np.array(of_kind)
+    return end_points[first], node_of_end.reshape(-1, 2), np.array(kind_of_edges)
 
 
 def _segments(line: Any) -> Array:
@@ -369,14 +375,14 @@ def _chains(ends: Array, kinds: IntArray, stops: Array) -> Iterable[tuple[Array,
         kinds: (s,) of each.
         stops: (k, 2) [m], points that must stay.
     """
-    flat = ends.reshape(-1, 2)
-    _, first, place = np.unique(
-        np.round(flat / (0.25 * SAME_PLACE_M)).astype(np.int64),
+    end_points = ends.reshape(-1, 2)
+    _, first, node_of_end = np.unique(
+        np.round(end_points / (0.25 * SAME_PLACE_M)).astype(np.int64),
         axis=0,
         return_index=True,
         return_inverse=True,
     )
-    x, pairs = flat[first], place.reshape(-1, 2)
+    x, pairs = end_points[first], node_of_end.reshape(-1, 2)
     around: dict[int, list[int]] = {}
     for row, (a, b) in enumerate(pairs.tolist()):
         if a != b:
@@ -385,18 +391,18 @@ def _chains(ends: Array, kinds: IntArray, stops: Array) -> Iterable[tuple[Array,
     fixed = {node for node, rows in around.items() if _is_end(x, pairs, kinds, node, rows)}
     if len(stops):
         fixed |= set(np.flatnonzero(~_away(x, stops, SAME_PLACE_M)).tolist())
-    left = {row for rows in around.values() for row in rows}
+    remaining_rows = {row for rows in around.values() for row in rows}
     starts = [*sorted(fixed), *sorted(around, key=lambda node: tuple(x[node]))]
     for start in starts:
-        while rows := [row for row in around[start] if row in left]:
-            row, here, chain = min(rows), start, [start]
+        while rows := [row for row in around[start] if row in remaining_rows]:
+            row, end_node, chain = min(rows), start, [start]
             kind = int(kinds[row])
             while True:
-                left.discard(row)
-                here = int(pairs[row].sum()) - here
-                chain.append(here)
-                following = [other for other in around[here] if other in left]
-                if here in fixed or here == start or not following:
+                remaining_rows.discard(row)
+                end_node = int(pairs[row].sum()) - end_node
+                chain.append(end_node)
+                following = [next_row for next_row in around[end_node] if next_row in remaining_rows]
+                if end_node in fixed or end_node == start or not following:
                     break
                 row = following[0]
             yield x[chain], kind
@@ -452,52 +458,56 @@ def _triangulated(
 ) -> tuple[IntArray, Array, IntArray, IntArray]:
     """Return triangles, positions, edges and kinds, refined where angles are small."""
     cdt = extra_module("pythoncdt", "pattern")
-    made = _constrained(positions, edges)
-    outer, room = made.collect_outer_triangles(), len(positions) // 2 + 50
-    made.refine_triangles(
+    triangulation = _constrained(positions, edges)
+    outer, room = triangulation.collect_outer_triangles(), len(positions) // 2 + 50
+    triangulation.refine_triangles(
         room, cdt.RefinementCriterion.SMALLEST_ANGLE, _LEAST_ANGLE_RAD, outer, 10.0 * SAME_PLACE_M
     )
-    made.erase_super_triangle()
-    array = made.vertices_array()
-    found = np.stack([array["x"], array["y"]], axis=1)
-    old = {(min(a, b), max(a, b)): int(kind) for (a, b), kind in zip(edges.tolist(), kinds, strict=True)}
-    origin = {(edge.v1, edge.v2): whole for edge, whole in made.piece_to_originals_iter()}
-    fixed = [(edge.v1, edge.v2) for edge in made.fixed_edges_iter()]
-    of_kind = [
-        int(np.bitwise_or.reduce([old[whole.v1, whole.v2] for whole in origin[pair]]))
+    triangulation.erase_super_triangle()
+    vertices = triangulation.vertices_array()
+    refined_positions = np.stack([vertices["x"], vertices["y"]], axis=1)
+    kind_of_edge = {
+        (min(a, b), max(a, b)): int(kind) for (a, b), kind in zip(edges.tolist(), kinds, strict=True)
+    }
+    origin = {(edge.v1, edge.v2): original for edge, original in triangulation.piece_to_originals_iter()}
+    fixed = [(edge.v1, edge.v2) for edge in triangulation.fixed_edges_iter()]
+    new_kinds = [
+        int(np.bitwise_or.reduce([kind_of_edge[original.v1, original.v2] for original in origin[pair]]))
         if pair in origin
-        else old[pair]
+        else kind_of_edge[pair]
         for pair in fixed
     ]
     new_edges = np.array(fixed, dtype=np.int64).reshape(-1, 2)
-    return _delaunay(sheet, found, new_edges), found, new_edges, np.array(of_kind)
+    return _delaunay(sheet, refined_positions, new_edges), refined_positions, new_edges, np.array(new_kinds)
 
 
 def _constrained(positions: Array, edges: IntArray) -> Any:
     cdt = extra_module("pythoncdt", "pattern")
-    made = cdt.Triangulation(cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0)
+    triangulation = cdt.Triangulation(
+        cdt.VertexInsertionOrder.AUTO, cdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
+    )
     try:
-        made.insert_vertices([cdt.V2d(x, y) for x, y in positions.tolist()])
-        made.insert_edges([cdt.Edge(a, b) for a, b in edges.tolist()])
+        triangulation.insert_vertices([cdt.V2d(x, y) for x, y in positions.tolist()])
+        triangulation.insert_edges([cdt.Edge(a, b) for a, b in edges.tolist()])
     except RuntimeError as error:
         raise MeshError(
             f"the lines of the sheet leave no room for edges of this length: set mesh_m to less ({error})"
         ) from error
-    return made
+    return triangulation
 
 
 def _delaunay(sheet: Any, positions: Array, edges: IntArray) -> IntArray:
-    """Return the triangles (m, 3) within a sheet, counter-clockwise, with edges as asked for."""
+    """Return the triangles (m, 3) within a sheet, counter-clockwise, with the given edges."""
     shapely = extra_module("shapely", "pattern")
-    made = _constrained(positions, edges)
-    made.erase_super_triangle()
-    triangles = made.triangles_array()["vertices"].astype(np.int64)
+    triangulation = _constrained(positions, edges)
+    triangulation.erase_super_triangle()
+    triangles = triangulation.triangles_array()["vertices"].astype(np.int64)
     middles = positions[triangles].mean(axis=1)
     shapely.prepare(sheet)
     inside = shapely.contains_xy(sheet, middles[:, 0], middles[:, 1])
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
-    # nodes of a straight edge may stand a rounding beside it, with slivers beyond
+    # nodes of a straight edge may be next to it by rounding, with slivers beyond
     return _ordered(triangles[inside & (signed_area(positions, triangles) > _SLIVER * longest)])
 
 
@@ -511,8 +521,8 @@ def _ordered(triangles: IntArray) -> IntArray:
 def signed_area(positions: Array, triangles: IntArray) -> Array:
     """Return the area (m,) [m^2] of flat triangles, positive counter-clockwise."""
     a, b, c = (positions[triangles[:, k]] for k in range(3))
-    one, two = b - a, c - a
-    return np.asarray(0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]))
+    edge_ab, edge_ac = b - a, c - a
+    return np.asarray(0.5 * (edge_ab[:, 0] * edge_ac[:, 1] - edge_ab[:, 1] * edge_ac[:, 0]))
 
 
 def _smoothed(positions: Array, triangles: IntArray, free: Mask) -> Array:
@@ -539,13 +549,13 @@ def _doubled(mesh: FlatMesh, axis: int, at_m: float) -> FlatMesh:
     x = np.array(mesh.positions)
     on_axis = np.abs(x[:, axis] - at_m) < 0.5 * SAME_PLACE_M
     x[on_axis, axis] = at_m
-    other = np.where(on_axis, np.arange(len(x)), len(x) - 1 + np.cumsum(~on_axis))
+    image_node = np.where(on_axis, np.arange(len(x)), len(x) - 1 + np.cumsum(~on_axis))
     positions = np.concatenate([x, mirrored(x[~on_axis], axis, at_m)])
-    edges = np.sort(np.concatenate([mesh.edges, other[mesh.edges]]), axis=1)
+    edges = np.sort(np.concatenate([mesh.edges, image_node[mesh.edges]]), axis=1)
     edges, first = np.unique(edges, axis=0, return_index=True)
     return FlatMesh(
         positions,
-        np.concatenate([mesh.triangles, other[mesh.triangles][:, ::-1]]),
+        np.concatenate([mesh.triangles, image_node[mesh.triangles][:, ::-1]]),
         edges,
         np.concatenate([mesh.kinds, mesh.kinds])[first],
     )

@@ -1,4 +1,4 @@
-"""Film surfaces with named nodes, from which soft bodies are made; their creases and refinement.
+"""Film surfaces with named nodes, the source of soft bodies; their creases and refinement.
 
 A refined mesh has the same drawn shape: triangles are cut in four, and their neighbours in fewer parts.
 Source: R. E. Bank, A. H. Sherman, A. Weiser, "Refinement algorithms and data structures for regular local
@@ -53,7 +53,7 @@ class NamedMesh:
         seam_rings: names of the rings along which two films are welded.
         center_rings: names of the rings that the centre line runs through before the tip; none: the base.
         lines: nodes by name that a cable may lead through, base to tip.
-        face_groups: places of triangles by name, such as of their own material.
+        face_groups: indices of triangles by name, such as those of one material.
         face_values: (m, ...) of each triangle by name; a part of a triangle has that of the whole.
         sheets: face groups that are flat sheets, welded to one another where they share nodes: film folds
             within a sheet and turns freely between two. None: the film is one surface.
@@ -194,13 +194,15 @@ def rest_angles(mesh: NamedMesh, hinges: IntArray) -> Array | None:
         corners[sheet] = np.concatenate(
             [(p * n + q) * n + r for p, q, r in ((a, b, c), (b, c, a), (c, a, b))]
         )
-    _, j, k, far = hinges.T
+    _, j, k, opposite = hinges.T
     for crease in mesh.creases:
         on_line = _on(crease, mesh.positions)
         folded = on_line[j] & on_line[k]
-        for sheet, own in corners.items():
-            outward = np.isin((j * n + k) * n + far, own)
-            inward = np.isin((k * n + j) * n + far, own)  # of another sheet, welded flat to this one
+        for sheet, sheet_corners in corners.items():
+            outward = np.isin((j * n + k) * n + opposite, sheet_corners)
+            inward = np.isin(
+                (k * n + j) * n + opposite, sheet_corners
+            )  # of another sheet, welded flat to this one
             if crease.sheet is None:
                 rest[folded & outward & ~_welded(hinges, corners, n)] -= crease.turn_rad
             elif crease.sheet == sheet:
@@ -218,11 +220,11 @@ def _welded(hinges: IntArray, corners: dict[str, IntArray], n: int) -> Mask:
 
 def _on(crease: Crease, positions: Array) -> Mask:
     """Return which nodes (n,) lie on a crease's line."""
-    found = np.zeros(len(positions), dtype=bool)
+    is_on_line = np.zeros(len(positions), dtype=bool)
     for a, b in zip(crease.points[:-1], crease.points[1:], strict=True):
         along = np.clip((positions - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-        found |= np.linalg.norm(positions - a - along[:, None] * (b - a), axis=1) < SAME_PLACE_M
-    return found
+        is_on_line |= np.linalg.norm(positions - a - along[:, None] * (b - a), axis=1) < SAME_PLACE_M
+    return is_on_line
 
 
 _ALIKE = 1e-6  # relative
@@ -318,26 +320,28 @@ def _unambiguous(mesh: NamedMesh, sides: IntArray, points: Array, cut: Mask) -> 
         ends = ((mesh.positions[a], points[bc]), (mesh.positions[b], points[ca]))
         diagonals = np.stack([np.linalg.norm(p - q, axis=1) for p, q in ends], axis=1)
         alike = np.ptp(diagonals, axis=1) < _ALIKE * diagonals[:, 0]
-        more = alike & (cut[sides].sum(axis=1) == 2)
-        if not more.any():
+        ambiguous = alike & (cut[sides].sum(axis=1) == 2)
+        if not ambiguous.any():
             return cut, diagonals
         cut = cut.copy()
-        cut[sides[more]] = True
+        cut[sides[ambiguous]] = True
 
 
 def _parts(corners: IntArray, new: IntArray, diagonals: Array) -> _Parts:
     """Return the parts of triangles (m, 3), given the new nodes on edges ab, bc, ca (m, 3) or -1."""
     count = (new >= 0).sum(axis=1)
-    of = [np.flatnonzero(count == cuts) for cuts in range(4)]
-    found = [
-        corners[of[0]][:, None],
-        _halves(corners[of[1]], new[of[1]]),
-        _thirds(corners[of[2]], new[of[2]], diagonals[of[2]]),
-        _quarters(corners[of[3]], new[of[3]]),
+    by_cuts = [np.flatnonzero(count == cuts) for cuts in range(4)]
+    parts = [
+        corners[by_cuts[0]][:, None],
+        _halves(corners[by_cuts[1]], new[by_cuts[1]]),
+        _thirds(corners[by_cuts[2]], new[by_cuts[2]], diagonals[by_cuts[2]]),
+        _quarters(corners[by_cuts[3]], new[by_cuts[3]]),
     ]
-    parent = np.concatenate([np.repeat(own, cuts + 1) for cuts, own in enumerate(of)])
+    parent = np.concatenate([np.repeat(triangles, cuts + 1) for cuts, triangles in enumerate(by_cuts)])
     order = np.argsort(parent, kind="stable")
-    return _Parts(np.concatenate([part.reshape(-1, 3) for part in found])[order], parent[order])
+    return _Parts(
+        np.concatenate([triangle_parts.reshape(-1, 3) for triangle_parts in parts])[order], parent[order]
+    )
 
 
 def _turned(table: IntArray, first: IntArray) -> list[IntArray]:

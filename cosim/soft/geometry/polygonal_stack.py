@@ -1,6 +1,6 @@
 """Stacks of polygonal units as triangle meshes, each unit two films welded at the rim; finer around holes.
 
-Around a small hole the film's displacements go with the logarithm of the distance from the axis: nodes are
+Around a small hole the film's displacements vary with the logarithm of the distance from the axis: nodes are
 put at a third of the logarithmic way outwards, not at the midpoint. Measured: docs/necks.md.
 """
 
@@ -24,7 +24,7 @@ class Ring(NamedTuple):
 
     Args:
         place: 0 at the hole, or at the polygon around the circle within which films are fused, 1 at the rim.
-        per_side: how many nodes it has to a side.
+        per_side: number of nodes per side.
         from_inside: whether diagonals that end at it begin at the corners of the ring within it.
         circle: whether its nodes lie on a circle.
     """
@@ -140,15 +140,15 @@ class PolygonalStack:
         ]
         tip = first[-1] * self.units + np.arange(counts[0])
         rings, levels, triangles = dict[str, IntArray](), list[Array](), list[IntArray]()
-        for unit, own in enumerate(nodes):
-            for name, place in (("hole", 0), ("lower", rim - 2), ("outer", rim), ("upper", rim + 2)):
-                rings[f"unit_{unit + 1}.{name}"] = own[place]
+        for unit, unit_rings in enumerate(nodes):
+            for name, ring_number in (("hole", 0), ("lower", rim - 2), ("outer", rim), ("upper", rim + 2)):
+                rings[f"unit_{unit + 1}.{name}"] = unit_rings[ring_number]
             levels += self._graded_positions(unit, course, start)
             above = tip if unit + 1 == self.units else nodes[unit + 1][0]
-            for film, turned in ((own, -1), ([above, *own[: -rim - 1 : -1]], 1)):
+            for film, orientation in ((unit_rings, -1), ([above, *unit_rings[: -rim - 1 : -1]], 1)):
                 strips = zip(film, film[1 : rim + 1], course[1:], strict=False)
                 triangles += [
-                    _strip(a, b, self.sides, ring.from_inside)[:, ::turned] for a, b, ring in strips
+                    _strip(a, b, self.sides, ring.from_inside)[:, ::orientation] for a, b, ring in strips
                 ]
         rings["tip"] = tip
         levels.append(self._polygon(self.hole_radius_m, self.units * self.unit_height_m))
@@ -189,10 +189,10 @@ class PolygonalStack:
         first = -np.pi / self.sides if self.first_corner_rad is None else self.first_corner_rad
         angle = first + 2.0 * np.pi / self.sides * np.arange(self.sides)
         corners = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        way = np.arange(per_side)[None, :, None] / per_side
+        fraction = np.arange(per_side)[None, :, None] / per_side
         points = np.full((per_side * self.sides, 3), height)
-        along = (1.0 - way) * corners[:, None] + way * np.roll(corners, -1, axis=0)[:, None]
-        points[:, :2] = along.reshape(-1, 2)
+        edge_points = (1.0 - fraction) * corners[:, None] + fraction * np.roll(corners, -1, axis=0)[:, None]
+        points[:, :2] = edge_points.reshape(-1, 2)
         return points
 
     def _unit_positions(self, unit: int) -> list[Array]:
@@ -244,11 +244,11 @@ def _strip(inner: IntArray, outer: IntArray, sides: int, from_inside: bool) -> I
         from_inside: whether diagonals between nodes of one place begin at the inner ring's corners.
     """
     by_side = [ring.reshape(sides, -1) for ring in (inner, outer)]
-    whole = [np.column_stack([nodes, np.roll(nodes[:, 0], -1)]) for nodes in by_side]
+    closed_sides = [np.column_stack([nodes, np.roll(nodes[:, 0], -1)]) for nodes in by_side]
     k, m = (nodes.shape[1] for nodes in by_side)
-    found = []
-    for turned in (1, -1):
-        near, far = (nodes[:, ::turned] for nodes in whole)
+    triangles = []
+    for direction in (1, -1):
+        near, far = (nodes[:, ::direction] for nodes in closed_sides)
         i = j = 0
         while 2 * i < k or 2 * j < m:
             ahead = (i + 1) * m - (j + 1) * k  # above 0: the outer ring's next node comes first
@@ -258,8 +258,8 @@ def _strip(inner: IntArray, outer: IntArray, sides: int, from_inside: bool) -> I
             else:
                 corners = (near[:, i], far[:, j], near[:, i + 1])
                 i += 1
-            found.append(np.stack(corners[::turned], axis=1))
-    return np.concatenate(found)
+            triangles.append(np.stack(corners[::direction], axis=1))
+    return np.concatenate(triangles)
 
 
 def _film(hole: IntArray, middle: IntArray, outer: IntArray) -> IntArray:
@@ -348,26 +348,26 @@ def _cut_around(mesh: NamedMesh, core: Mask, radius_m: float | None = None) -> N
         return np.asarray(core[edges].any(axis=1))
 
     def fractions(edges: IntArray) -> Array:
-        found = np.full(len(edges), 0.5)
+        cut_fractions = np.full(len(edges), 0.5)
         leaving = np.flatnonzero(core[edges].sum(axis=1) == 1)
         outwards = core[edges[leaving, 0]]
         ordered = np.where(outwards[:, None], edges[leaving], edges[leaving, ::-1])
         near, far = (mesh.positions[ordered[:, k], :2] for k in range(2))
         start, end = np.linalg.norm(near, axis=1), np.linalg.norm(far, axis=1)
-        wanted = (
+        cut_radius = (
             start * (end / start) ** _LOGARITHMIC_WAY if radius_m is None else np.full(len(start), radius_m)
         )
-        place = _crossing(near, far, wanted)
-        found[leaving] = np.where(outwards, place, 1.0 - place)
-        return found
+        crossing = _crossing(near, far, cut_radius)
+        cut_fractions[leaving] = np.where(outwards, crossing, 1.0 - crossing)
+        return cut_fractions
 
     return refine_some(mesh, touching, fractions)
 
 
 def _crossing(near: Array, far: Array, radius: Array) -> Array:
     """Return the fraction (k,) of the way from points (k, 2) to others at which |point| is a radius (k,)."""
-    way = far - near
-    # |near + t way| = radius: a t^2 + 2 b t + c = 0, c < 0
-    a, b = np.einsum("kr,kr->k", way, way), np.einsum("kr,kr->k", near, way)
+    step = far - near
+    # |near + t step| = radius: a t^2 + 2 b t + c = 0, c < 0
+    a, b = np.einsum("kr,kr->k", step, step), np.einsum("kr,kr->k", near, step)
     c = np.einsum("kr,kr->k", near, near) - radius**2
     return np.asarray((np.sqrt(b * b - a * c) - b) / a)

@@ -113,14 +113,18 @@ class _Part:
             like: elimination order of the whole body for a pattern with fewer couplings, or None.
         """
         begin, end = nodes
-        own, before = part_of(pattern, begin, end)
-        movable, room = free[begin:end], 9 * own.blocks
+        part_pattern, first_block = part_of(pattern, begin, end)
+        movable, room = free[begin:end], 9 * part_pattern.blocks
         order = None if like is None else like[(begin <= like) & (like < end)] - begin
-        number = linear_solver.numbering(movable, _best_order(own, np.asarray(movable.any(axis=1)), order))
+        number = linear_solver.numbering(
+            movable, _best_order(part_pattern, np.asarray(movable.any(axis=1)), order)
+        )
         dofs = linear_solver.equations(number)
         tiles = -(-len(dofs) // _TILE)
         lists = TileLists(*(np.empty(size, np.uint64) for size in (tiles + 1, tiles, tiles + 1, room, room)))
-        bandwidth = envelope_kernels.list_entries(own.row, own.column, number, before, lists)
+        bandwidth = envelope_kernels.list_entries(
+            part_pattern.row, part_pattern.column, number, first_block, lists
+        )
         count = int(lists.entry[-1])
         entries = TileEntries(lists.source[:count].copy(), lists.place[:count].copy(), lists.entry)
         return cls(entries, lists.start[:-1].copy(), lists.first, dofs, int(lists.start[-1]), bandwidth)
@@ -142,7 +146,7 @@ class PartFactor(NamedTuple):
     def rounded(self) -> PartFactor:
         """Return the same in single precision."""
         start, first, *numbers = self.factor
-        store, inverse = (part.astype(np.float32) for part in numbers)
+        store, inverse = (values.astype(np.float32) for values in numbers)
         return self._replace(factor=SingleFactor(start, first, store, inverse))
 
 
@@ -158,12 +162,12 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
 
     def __init__(self, pattern: BlockPattern, free: Mask, like: EnvelopeCholesky | None = None) -> None:
         super().__init__(pattern, free)
-        apart, order = uncoupled_ranges(pattern), None if like is None else like.order
-        parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(apart.tolist())]
+        range_starts, order = uncoupled_ranges(pattern), None if like is None else like.order
+        parts = [_Part.of(pattern, self.free, nodes, order) for nodes in pairwise(range_starts.tolist())]
         self._parts = parts
         sizes = [(part.stored, len(part.start), len(part.dofs)) for part in parts]
         ends = np.cumsum([(0, 0, 0), *sizes], axis=0, dtype=np.int64)
-        self._table = np.column_stack([apart, ends])
+        self._table = np.column_stack([range_starts, ends])
         self._factors: tuple[Array, list[PartFactor]] | None = None
         self._rounded: list[PartFactor] = []
         self.bandwidth = max(part.bandwidth for part in parts)
@@ -174,11 +178,11 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
     @cached_property
     def order(self) -> IntArray:
         """Movable nodes in the order of elimination, part by part."""
-        found = []
+        nodes_by_part = []
         for part, begin in zip(self._parts, self.apart[:-1].tolist(), strict=True):
             nodes, first = np.unique(part.dofs // 3, return_index=True)
-            found.append(begin + nodes[np.argsort(first)])
-        return np.concatenate(found)
+            nodes_by_part.append(begin + nodes[np.argsort(first)])
+        return np.concatenate(nodes_by_part)
 
     @property
     def mean_width(self) -> float:
@@ -222,8 +226,8 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
     @cached_property
     def _diagonal(self) -> IntArray:
         tiled = self._table[:-1, linear_solver.TILED].tolist()
-        own = zip(tiled, self._parts, strict=True)
-        return np.concatenate([_TILE * begin + np.arange(len(part.dofs)) for begin, part in own])
+        starts_and_parts = zip(tiled, self._parts, strict=True)
+        return np.concatenate([_TILE * begin + np.arange(len(part.dofs)) for begin, part in starts_and_parts])
 
     def _factor_of(self, number: int) -> TileFactor:
         """Return L of a part."""
@@ -261,24 +265,24 @@ class EnvelopeCholesky(linear_solver.LinearSolver):
         loads, total = vectors.reshape(len(vectors), -1, 3), np.zeros((len(vectors), len(vectors)))
         for number, part in enumerate(self._parts):
             begin, end = self._table[number : number + 2, linear_solver.NODE]
-            own = np.ascontiguousarray(loads[:, begin:end]).reshape(len(loads), -1)
-            found = np.zeros((len(loads), _TILE * len(part.start)))
-            forward(self._factor_of(number), part.dofs, own, found)
-            total += found @ found.T
+            part_loads = np.ascontiguousarray(loads[:, begin:end]).reshape(len(loads), -1)
+            forward_solutions = np.zeros((len(loads), _TILE * len(part.start)))
+            forward(self._factor_of(number), part.dofs, part_loads, forward_solutions)
+            total += forward_solutions @ forward_solutions.T
         return total
 
     def _solve_turned(self, load: Array, turn: Array | None) -> Array:
         return np.asarray(self._substituted(load[None], _STRAIGHT if turn is None else turn)[0])
 
     def _substituted(self, loads: Array, turn: Array) -> Array:
-        found = []
+        solutions = []
         for number, part in enumerate(self._parts):
             begin, end = self._table[number : number + 2, linear_solver.NODE]
-            own = np.array(loads[:, begin:end], order="C")
-            if len(self._parts) == 1 or own.any():
-                envelope_kernels.substitute(self._factor_of(number), part.dofs, turn, own)
-            found.append(own)
-        return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+            part_loads = np.array(loads[:, begin:end], order="C")
+            if len(self._parts) == 1 or part_loads.any():
+                envelope_kernels.substitute(self._factor_of(number), part.dofs, turn, part_loads)
+            solutions.append(part_loads)
+        return solutions[0] if len(solutions) == 1 else np.concatenate(solutions, axis=1)
 
 
 def cholesky(
@@ -343,15 +347,15 @@ class DissectedCholesky(linear_solver.LinearSolver):
         self._dofs = linear_solver.equations(number)
         self._tree = FrontTree.of(_graph(self), groups, number[self.free_nodes])
         self._place_entries(number)
-        tree, own = self._tree, np.diff(self._tree.first)
-        count = np.diff(tree.rest_first)
-        widest = int(own.max())
-        length = int((own * (own + count)).max())
+        tree, front_sizes = self._tree, np.diff(self._tree.first)
+        rest_sizes = np.diff(tree.rest_first)
+        widest = int(front_sizes.max())
+        length = int((front_sizes * (front_sizes + rest_sizes)).max())
         self._work, self._spare = np.empty(length), np.empty(length + 2 * widest)
-        self._here, self._there = np.empty(widest), np.empty(max(widest, COLUMNS))
+        self._own_values, self._rest_values = np.empty(widest), np.empty(max(widest, COLUMNS))
         self._stack = np.empty(tree.stack)
         self._store = np.empty(int(tree.start[-1]))
-        self._multiplications = float((own * (own + count) ** 2).sum())
+        self._multiplications = float((front_sizes * (front_sizes + rest_sizes) ** 2).sum())
         self._lent = False
         self._known = KnownStates()
 
@@ -363,13 +367,13 @@ class DissectedCholesky(linear_solver.LinearSolver):
         """Compute the index of each entry of the matrix in the store, front by front."""
         tree = self._tree
         row, column, source = linear_solver.lower_entries(self.pattern, number)
-        front, place = tree.place(row, column)
-        order = np.argsort(tree.start[front] + place)
-        self._source, self._place = (part[order].astype(np.uint64) for part in (source, place))
+        front, place_in_front = tree.place(row, column)
+        order = np.argsort(tree.start[front] + place_in_front)
+        self._source, self._place = (array[order].astype(np.uint64) for array in (source, place_in_front))
         entry_first = np.searchsorted(front[order], np.arange(len(tree.first)))
         starts = (tree.first, tree.start, tree.rest_first, tree.child_first, tree.run_first, entry_first)
         table = np.stack([*starts, np.append(tree.left, 0)], axis=1)
-        lists = (part.astype(np.uint64) for part in (table, tree.children, tree.runs, tree.rows))
+        lists = (array.astype(np.uint64) for array in (table, tree.children, tree.runs, tree.rows))
         self._lists, self._rest = FrontLists(*lists), tree.rest.astype(np.uint64)
 
     def _factorise(self, blocks: Array, shift: float) -> bool:
@@ -391,9 +395,11 @@ class DissectedCholesky(linear_solver.LinearSolver):
         self._known.add(self._store)
 
     def _solve_sparse(self, loads: Array) -> Array:
-        result = np.zeros((len(loads), 3 * self.pattern.nodes))
-        for load, found in zip(loads.reshape(len(loads), -1), result, strict=True):
+        solutions = np.zeros((len(loads), 3 * self.pattern.nodes))
+        for load, solution in zip(loads.reshape(len(loads), -1), solutions, strict=True):
             x = load[self._dofs]
-            fronts.substitute(self._store, self._lists.fronts, self._rest, self._here, self._there, x)
-            found[self._dofs] = x
-        return result.reshape(len(loads), -1, 3)
+            fronts.substitute(
+                self._store, self._lists.fronts, self._rest, self._own_values, self._rest_values, x
+            )
+            solution[self._dofs] = x
+        return solutions.reshape(len(loads), -1, 3)

@@ -1,7 +1,7 @@
 """Nested dissection: an order of elimination for large meshes, as a tree of separators.
 
 A connected part is cut by the fewest nodes between both ends of its breadth-first order; of the two smallest
-cuts, the one with the smaller size^1.5 / (size of the smaller side) is taken. Each side is cut again, and
+cuts, the one with the smaller size^1.5 / (size of the smaller side) is used. Each side is cut again, and
 eliminated before the cut. Couplings across the mesh, such as those of a cable's eyelets, would blur the
 order: it does not follow them, and nodes that they couple across a cut are added to it. The fewest nodes
 of a cut follow from a maximum flow: every node that may be cut is an arc of capacity one, every edge one of
@@ -32,39 +32,41 @@ def dissect(graph: Graph, tied: IntArray, most: int) -> list[IntArray]:
         tied: nodes that are coupled across the mesh.
         most: largest number of nodes in a group.
     """
-    far = np.zeros(graph.shape[0], dtype=bool)
-    far[tied] = True
+    couples_far = np.zeros(graph.shape[0], dtype=bool)
+    couples_far[tied] = True
     return [
-        piece for group in _parts(graph, np.arange(len(far)), far) for piece in _pieces(graph, group, most)
+        piece
+        for group in _parts(graph, np.arange(len(couples_far)), couples_far)
+        for piece in _pieces(graph, group, most)
     ]
 
 
-def _pieces(graph: Graph, group: IntArray, most: int) -> list[IntArray]:
-    """Return a group in parts of at most `most` nodes, neighbours together."""
-    if len(group) <= most:
+def _pieces(graph: Graph, group: IntArray, largest_size: int) -> list[IntArray]:
+    """Return a group in parts of at most `largest_size` nodes, neighbours together."""
+    if len(group) <= largest_size:
         return [group] if len(group) else []
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(graph[group][:, group].tocsr(), True)
-    return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // most))]
+    return [np.asarray(piece) for piece in np.array_split(group[order], -(-len(group) // largest_size))]
 
 
-def _parts(graph: Graph, nodes: IntArray, far: Mask) -> list[IntArray]:
+def _parts(graph: Graph, nodes: IntArray, couples_far: Mask) -> list[IntArray]:
     """Return the groups of some nodes in the order of their elimination."""
     if len(nodes) <= _LEAF_NODES:
         return [nodes]
     inner = graph[nodes][:, nodes].tocsr()
     count, label = scipy.sparse.csgraph.connected_components(inner, directed=False)
     if count > 1:
-        return [group for k in range(count) for group in _parts(graph, nodes[label == k], far)]
-    cut = _best_cut(inner, far[nodes])
+        return [group for k in range(count) for group in _parts(graph, nodes[label == k], couples_far)]
+    cut = _best_cut(inner, couples_far[nodes])
     if cut is None:
         return [nodes]
-    return [*_parts(graph, nodes[~cut], far), nodes[cut]]
+    return [*_parts(graph, nodes[~cut], couples_far), nodes[cut]]
 
 
-def _best_cut(graph: Graph, far: Mask) -> Mask | None:
+def _best_cut(graph: Graph, couples_far: Mask) -> Mask | None:
     """Return the nodes of the best cut of a connected graph; None for a graph without a cut."""
     row, column = np.repeat(np.arange(graph.shape[0]), np.diff(graph.indptr)), graph.indices
-    order = _order(graph, row, far)
+    order = _order(graph, row, couples_far)
     end = max(1, int(_END * len(order)))
     first, last = (np.zeros(len(order), dtype=bool) for _ in range(2))
     first[order[:end]], last[order[-end:]] = True, True
@@ -73,24 +75,24 @@ def _best_cut(graph: Graph, far: Mask) -> Mask | None:
     first[ties] = False
     if not first.any():
         return None
-    least, best = np.inf, None
+    least_cost, best_cut = np.inf, None
     tied = np.zeros(len(order), dtype=bool)
     tied[ties] = True
-    for found in least_cuts(_without(graph, row, tied), first, last | tied):
+    for nodes in least_cuts(_without(graph, row, tied), first, last | tied):
         cut = tied.copy()
-        cut[found] = True
-        side = _side(graph, row, cut, first)
-        smaller = min(side, len(order) - int(cut.sum()) - side)
+        cut[nodes] = True
+        side_size = _side(graph, row, cut, first)
+        smaller = min(side_size, len(order) - int(cut.sum()) - side_size)
         cost = int(cut.sum()) ** 1.5 / smaller if smaller > 0 else np.inf
-        if cost < least:
-            least, best = cost, cut
-    return best
+        if cost < least_cost:
+            least_cost, best_cut = cost, cut
+    return best_cut
 
 
-def _without(graph: Graph, row: IntArray, gone: Mask) -> Graph:
+def _without(graph: Graph, row: IntArray, removed: Mask) -> Graph:
     """Return the graph without the edges of some nodes."""
-    kept = ~(gone[row] | gone[graph.indices])
-    ties = np.ones(int(kept.sum())), (row[kept], graph.indices[kept])
+    stays = ~(removed[row] | removed[graph.indices])
+    ties = np.ones(int(stays.sum())), (row[stays], graph.indices[stays])
     return scipy.sparse.csr_matrix(ties, shape=graph.shape)
 
 
@@ -100,17 +102,17 @@ def _side(graph: Graph, row: IntArray, cut: Mask, first: Mask) -> int:
     return int((np.isin(label, label[first]) & ~cut).sum())
 
 
-def _order(graph: Graph, row: IntArray, far: Mask) -> IntArray:
+def _order(graph: Graph, row: IntArray, couples_far: Mask) -> IntArray:
     """Return all nodes in order of their distance from a peripheral node."""
-    short = ~(far[row] & far[graph.indices])
+    short = ~(couples_far[row] & couples_far[graph.indices])
     ties = np.ones(int(short.sum())), (row[short], graph.indices[short])
-    plain = scipy.sparse.csr_matrix(ties, shape=graph.shape)
+    mesh_graph = scipy.sparse.csr_matrix(ties, shape=graph.shape)
     order: IntArray = np.zeros(1, dtype=np.int64)
     search = scipy.sparse.csgraph.breadth_first_order
-    for walked in (plain, graph):
+    for searched in (mesh_graph, graph):
         end = 0
         for _ in range(3):
-            order = search(walked, end, directed=False, return_predecessors=False)
+            order = search(searched, end, directed=False, return_predecessors=False)
             end = int(order[-1])
         if len(order) == graph.shape[0]:
             break
@@ -132,12 +134,12 @@ def least_cuts(graph: Graph, near: Mask, far: Mask) -> tuple[IntArray, IntArray]
     local[between] = np.arange(count)
     a, b = local[row], local[column]
     within = (a >= 0) & (b >= 0)
-    entered, left = np.unique(b[near[row] & (b >= 0)]), np.unique(a[far[column] & (a >= 0)])
+    entries, exits = np.unique(b[near[row] & (b >= 0)]), np.unique(a[far[column] & (a >= 0)])
     # node i is the arc from i to count + i
     source, sink = 2 * count, 2 * count + 1
-    tail = [np.arange(count), count + a[within], np.full(len(entered), source), count + left]
-    head = [count + np.arange(count), b[within], entered, np.full(len(left), sink)]
-    capacity = np.full(sum(len(part) for part in tail), count + 1, dtype=np.int32)
+    tail = [np.arange(count), count + a[within], np.full(len(entries), source), count + exits]
+    head = [count + np.arange(count), b[within], entries, np.full(len(exits), sink)]
+    capacity = np.full(sum(len(tails) for tails in tail), count + 1, dtype=np.int32)
     capacity[:count] = 1
     shape = (2 * count + 2,) * 2
     arcs = scipy.sparse.csr_matrix((capacity, (np.concatenate(tail), np.concatenate(head))), shape=shape)
@@ -152,6 +154,6 @@ def least_cuts(graph: Graph, near: Mask, far: Mask) -> tuple[IntArray, IntArray]
 
 def _reached(arcs: Graph, start: int) -> Mask:
     """Return the nodes (n,) that arcs reach."""
-    found = np.zeros(arcs.shape[0], dtype=bool)
-    found[scipy.sparse.csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
-    return found
+    is_reached = np.zeros(arcs.shape[0], dtype=bool)
+    is_reached[scipy.sparse.csgraph.breadth_first_order(arcs, start, return_predecessors=False)] = True
+    return is_reached

@@ -389,11 +389,11 @@ class GeneralLU(LinearSolver):
         strict = self._row != self._column
         upper = coo_matrix((value[strict], (self._column[strict], self._row[strict])), shape=shape)
         total = (lower + upper).tocsc()
-        for nodes, part in self.extra:
+        for nodes, terms in self.extra:
             dofs = self._number[nodes].ravel()
             inside = dofs >= 0
             rows, columns = np.meshgrid(dofs[inside], dofs[inside], indexing="ij")
-            value = part[np.ix_(inside, inside)].ravel()
+            value = terms[np.ix_(inside, inside)].ravel()
             total = total + coo_matrix((value, (rows.ravel(), columns.ravel())), shape=shape).tocsc()
         if shift:
             total = total + shift * coo_matrix((np.ones(self.size), (range(self.size),) * 2)).tocsc()
@@ -423,9 +423,9 @@ class GeneralLU(LinearSolver):
     def _solve_sparse(self, loads: Array) -> Array:
         assert self._factor is not None, "factor() comes before solve()"
         count = len(loads)
-        result = np.zeros((count, 3 * self.pattern.nodes))
-        result[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
-        return result.reshape(count, -1, 3)
+        solutions = np.zeros((count, 3 * self.pattern.nodes))
+        solutions[:, self._dofs] = self._factor.solve(loads.reshape(count, -1)[:, self._dofs].T).T
+        return solutions.reshape(count, -1, 3)
 
 
 def negative_pivots(pattern: BlockPattern, free: Mask, blocks: Array, low_rank: LowRank | None) -> int:

@@ -63,7 +63,7 @@ def switch_branch(follower: BranchFollower, begin: Equilibrium | None, found: Eq
     The end of the stable branch is bisected between `begin` and `found`; also if Newton's method met an
     indefinite tangent and ended far away, as rounding may then have chosen the side. From the unstable
     equilibrium there, the body is pushed along the lowest eigenvector of its tangent, to both sides, and
-    slides to rest. The equilibrium of lower energy is taken; of equal ones, the one in the direction whose
+    slides to rest. The equilibrium of lower energy is chosen; of equal ones, the one in the direction whose
     largest component is positive. It is followed to the loads of `found`. A branch that is unstable at
     `begin` is followed as it is.
 
@@ -80,28 +80,28 @@ def switch_branch(follower: BranchFollower, begin: Equilibrium | None, found: Eq
     switches = follower.options.switches_branches
     if not found.negative_pivots and not (switches and begin is not None and _jumped(begin, found)):
         return found
-    effort, what = follower.effort, "a stable equilibrium beside an unstable one"
-    with effort.search(what) if found.negative_pivots else effort.search_apart(what):
+    effort, goal = follower.effort, "a stable equilibrium beside an unstable one"
+    with effort.search(goal) if found.negative_pivots else effort.search_apart(goal):
         fork = _Fork(1.0, found, found, 0) if begin is None else _fork(follower, begin, found)
-        saddle, spent = fork.saddle, found.iterations + fork.iterations
+        saddle, iterations = fork.saddle, found.iterations + fork.iterations
         if not saddle.negative_pivots:
-            return _snapped(follower, fork, replace(found, iterations=spent))
+            return _snapped(follower, fork, replace(found, iterations=iterations))
         lowest = follower.lowest_mode(saddle)
         ends = _sides(follower, saddle, lowest) if switches else []
-        why, *taken = _choice(saddle, ends) if switches else (ON_PURPOSE,)
-        tips = [_tip(follower, end) for end in (*taken, None, None)]
+        reason, *chosen_ends = _choice(saddle, ends) if switches else (ON_PURPOSE,)
+        tips = [_tip(follower, end) for end in (*chosen_ends, None, None)]
         branching = replace(
             follower.describe_instability(saddle, lowest),
             load_factor=fork.load_factor,
             tip_m=tips[0],
             other_tip_m=tips[1],
-            chosen=why,
+            chosen=reason,
         )
-        if not taken:
-            return replace(_solve_again(follower, found), iterations=spent, branchings=(branching,))
-        here = _follow_to(follower, fork.load_factor, taken[0], found)
-        spent += here.iterations + sum(end.iterations for end in ends)
-        return replace(here, iterations=spent, branchings=(branching, *here.branchings))
+        if not chosen_ends:
+            return replace(_solve_again(follower, found), iterations=iterations, branchings=(branching,))
+        followed = _follow_to(follower, fork.load_factor, chosen_ends[0], found)
+        iterations += followed.iterations + sum(end.iterations for end in ends)
+        return replace(followed, iterations=iterations, branchings=(branching, *followed.branchings))
 
 
 @final
@@ -124,7 +124,7 @@ class _Fork:
 
 def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fork:
     """Return the end of the stable branch between a stable equilibrium and another one, by bisection."""
-    low, high, spent = 0.0, 1.0, 0
+    low, high, iterations = 0.0, 1.0, 0
     first, last, width = begin, end, _load_change(begin, end)
     # accuracy relative to the loads at the end of the branch, not to the final loads
     while (high - low) * width > _WITHIN * max(_LEAST, 1.0 - width * (1.0 - high)) and (
@@ -133,67 +133,76 @@ def _fork(follower: BranchFollower, begin: Equilibrium, end: Equilibrium) -> _Fo
         middle = 0.5 * (low + high)
         pose = begin.world_from_flange.interpolated(end.world_from_flange, middle)
         loads = begin.loads.interpolated(end.loads, middle)
-        ends = [here.state.carried(pose @ here.world_from_flange.inverse()) for here in (first, last)]
-        start = 0.5 * (ends[0].positions + ends[1].positions) if last.negative_pivots else ends[0].positions
+        guesses = [
+            equilibrium.state.carried(pose @ equilibrium.world_from_flange.inverse())
+            for equilibrium in (first, last)
+        ]
+        start = (
+            0.5 * (guesses[0].positions + guesses[1].positions)
+            if last.negative_pivots
+            else guesses[0].positions
+        )
         try:
-            found = _solve_or_slide(follower, ends[0], pose, loads, start)
+            between = _solve_or_slide(follower, guesses[0], pose, loads, start)
         except ConvergenceError:
             break
-        spent += found.iterations
-        beyond = not last.negative_pivots and _motion(first, found) > _motion(found, last)
-        if found.negative_pivots or beyond:
-            high, last = middle, found
+        iterations += between.iterations
+        beyond = not last.negative_pivots and _motion(first, between) > _motion(between, last)
+        if between.negative_pivots or beyond:
+            high, last = middle, between
         else:
-            low, first = middle, found
-    return _Fork(high, first, last, spent)
+            low, first = middle, between
+    return _Fork(high, first, last, iterations)
 
 
-def _snapped(follower: BranchFollower, fork: _Fork, found: Equilibrium) -> Equilibrium:
+def _snapped(follower: BranchFollower, fork: _Fork, result: Equilibrium) -> Equilibrium:
     """Return the equilibrium to which the body snaps; a near stable one if that has less energy."""
-    before, after, chosen = fork.before, fork.saddle, SNAPS
+    before, after, reason = fork.before, fork.saddle, SNAPS
     if not _jumped(before, after):
-        return replace(_solve_again(follower, found), iterations=found.iterations)
+        return replace(_solve_again(follower, result), iterations=result.iterations)
     state = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
     try:
-        near = follower.solve(state, after.world_from_flange, after.loads)
+        near_branch = follower.solve(state, after.world_from_flange, after.loads)
     except ConvergenceError:
-        near = after
-    found = replace(found, iterations=found.iterations + near.iterations)
-    if not near.negative_pivots and _motion(near, after) > _FAR * _size(before) > _motion(before, near):
-        if near.potential_J <= after.potential_J:
-            here = _follow_to(follower, fork.load_factor, near, found)
-            return replace(here, iterations=here.iterations + found.iterations)
-        chosen = LOWER
-    again, snap = _solve_again(follower, found), _snap(follower, fork, chosen)
-    return replace(again, iterations=found.iterations, branchings=(snap,))
+        near_branch = after
+    result = replace(result, iterations=result.iterations + near_branch.iterations)
+    if not near_branch.negative_pivots and _motion(near_branch, after) > _FAR * _size(before) > _motion(
+        before, near_branch
+    ):
+        if near_branch.potential_J <= after.potential_J:
+            followed = _follow_to(follower, fork.load_factor, near_branch, result)
+            return replace(followed, iterations=followed.iterations + result.iterations)
+        reason = LOWER
+    solved_again, snap = _solve_again(follower, result), _snap(follower, fork, reason)
+    return replace(solved_again, iterations=result.iterations, branchings=(snap,))
 
 
 def _follow_to(
     follower: BranchFollower, load_factor: float, begin: Equilibrium, end: Equilibrium
 ) -> Equilibrium:
     """Return the equilibrium followed from a load factor to the end; load factors are of the whole way."""
-    here = follower.follow(begin, end.world_from_flange, end.loads)
-    passed = (
-        replace(each, load_factor=load_factor + (1.0 - load_factor) * each.load_factor)
-        for each in here.branchings
+    followed = follower.follow(begin, end.world_from_flange, end.loads)
+    branchings = (
+        replace(record, load_factor=load_factor + (1.0 - load_factor) * record.load_factor)
+        for record in followed.branchings
     )
-    return replace(here, branchings=tuple(passed))
+    return replace(followed, branchings=tuple(branchings))
 
 
-def _snap(follower: BranchFollower, fork: _Fork, chosen: str) -> Branching:
+def _snap(follower: BranchFollower, fork: _Fork, reason: str) -> Branching:
     """Return the record of a snap."""
     before, after = fork.before, fork.saddle
     carried = before.state.carried(after.world_from_flange @ before.world_from_flange.inverse())
     motion = after.state.positions - carried.positions
-    most = int(np.argmax(np.linalg.norm(motion, axis=1)))
+    farthest_node = int(np.argmax(np.linalg.norm(motion, axis=1)))
     mode = motion / np.abs(motion).max()
     place = describe_largest(follower.body, carried.positions, mode, np.ones(mode.shape, np.bool_))
-    named = follower.describe_instability(replace(after, state=carried), LowestMode(0.0, mode, place))
-    x, y, z = (motion[most] / np.linalg.norm(motion[most])).tolist()
+    described = follower.describe_instability(replace(after, state=carried), LowestMode(0.0, mode, place))
+    x, y, z = (motion[farthest_node] / np.linalg.norm(motion[farthest_node])).tolist()
     tips = [_tip(follower, end) for end in (after, before)]
     return replace(
-        named, load_factor=fork.load_factor, direction=(x, y, z), tip_m=tips[0], other_tip_m=tips[1],
-        chosen=chosen, snap=True,
+        described, load_factor=fork.load_factor, direction=(x, y, z), tip_m=tips[0], other_tip_m=tips[1],
+        chosen=reason, snap=True,
     )  # fmt: skip
 
 
@@ -215,17 +224,19 @@ def _sides(follower: BranchFollower, saddle: Equilibrium, lowest: LowestMode) ->
     """
     ends = dict[float, Equilibrium]()
     for push, side in product(_PUSHES, (1.0, -1.0)):
-        away = [_motion(saddle, end) for end in ends.values()]
-        enough = len(away) == 2 and min(away) > _ALIKE * max(away)
+        distances_m = [_motion(saddle, end) for end in ends.values()]
+        enough = len(distances_m) == 2 and min(distances_m) > _ALIKE * max(distances_m)
         if (
             enough or 2 * follower.effort.spent > follower.effort.iterations_max
         ):  # the rest is for the continuation
             break
         end = _slide_from(follower, saddle, side * push * _size(saddle) * lowest.mode)
         if end is not None:
-            where = math.copysign(1.0, _along(lowest.mode, saddle, end))
-            ends[where] = max(ends.get(where, end), end, key=lambda each: _motion(saddle, each))
-    return [ends[where] for where in (1.0, -1.0) if where in ends]
+            end_side = math.copysign(1.0, _along(lowest.mode, saddle, end))
+            ends[end_side] = max(
+                ends.get(end_side, end), end, key=lambda candidate: _motion(saddle, candidate)
+            )
+    return [ends[end_side] for end_side in (1.0, -1.0) if end_side in ends]
 
 
 def _slide_from(follower: BranchFollower, saddle: Equilibrium, push: Array) -> Equilibrium | None:
@@ -236,20 +247,20 @@ def _slide_from(follower: BranchFollower, saddle: Equilibrium, push: Array) -> E
         saddle: where it starts.
         push: (n, 3) [m].
     """
-    here, spent = saddle, 0
+    equilibrium, iterations = saddle, 0
     for _ in range(_SADDLES_MAX):
-        pushed = SoftState.at_rest(here.state.positions + push, here.state.memory)
+        pushed = SoftState.at_rest(equilibrium.state.positions + push, equilibrium.state.memory)
         try:
-            here = follower.slide(pushed, saddle.world_from_flange, saddle.loads)
+            equilibrium = follower.slide(pushed, saddle.world_from_flange, saddle.loads)
         except ConvergenceError:
             return None
-        spent += here.iterations
-        if not here.negative_pivots:
-            return replace(here, iterations=spent)
-        if _motion(saddle, here) < math.sqrt(float((push**2).sum(axis=1).mean())):  # it has slid back
+        iterations += equilibrium.iterations
+        if not equilibrium.negative_pivots:
+            return replace(equilibrium, iterations=iterations)
+        if _motion(saddle, equilibrium) < math.sqrt(float((push**2).sum(axis=1).mean())):  # it has slid back
             return None
-        mode = follower.lowest_mode(here).mode
-        push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, here)) * mode
+        mode = follower.lowest_mode(equilibrium).mode
+        push = math.copysign(float(np.abs(push).max()), _along(mode, saddle, equilibrium)) * mode
     return None
 
 
@@ -264,18 +275,18 @@ def _choice(saddle: Equilibrium, ends: list[Equilibrium]) -> tuple[str, *tuple[E
         return (NOWHERE,)
     if len(ends) == 1:
         return "none was found on the other side", ends[0]
-    one, two = ends
-    fall = saddle.potential_J - min(one.potential_J, two.potential_J)
-    if abs(one.potential_J - two.potential_J) <= _EQUAL * fall:
-        return "both have the same energy, this is the one in the positive direction", one, two
+    positive, negative = ends
+    fall = saddle.potential_J - min(positive.potential_J, negative.potential_J)
+    if abs(positive.potential_J - negative.potential_J) <= _EQUAL * fall:
+        return "both have the same energy, this is the one in the positive direction", positive, negative
     return "it has the lower energy", *sorted(ends, key=lambda end: end.potential_J)
 
 
-def _solve_again(follower: BranchFollower, found: Equilibrium) -> Equilibrium:
+def _solve_again(follower: BranchFollower, known: Equilibrium) -> Equilibrium:
     """Solve a known equilibrium again, so that the solver holds its forces."""
     with follower.effort.search_apart("an equilibrium that is known"):
-        again = follower.solve(found.state, found.world_from_flange, found.loads)
-    return replace(again, slides=found.slides)
+        solved_again = follower.solve(known.state, known.world_from_flange, known.loads)
+    return replace(solved_again, slides=known.slides)
 
 
 def _tip(follower: BranchFollower, end: Equilibrium | None) -> tuple[float, float, float] | None:
@@ -290,13 +301,16 @@ def _along(mode: Array, begin: Equilibrium, end: Equilibrium) -> float:
     return float((mode * (end.state.positions - begin.state.positions)).sum())
 
 
-def _size(here: Equilibrium) -> float:
-    return float(np.ptp(here.state.positions, axis=0).max())
+def _size(equilibrium: Equilibrium) -> float:
+    return float(np.ptp(equilibrium.state.positions, axis=0).max())
 
 
 def _motion(begin: Equilibrium, end: Equilibrium) -> float:
     """Return the root mean square of the nodes' motion between two equilibria [m], seen from the flange."""
-    before, after = (here.world_from_flange.inverse().apply(here.state.positions) for here in (begin, end))
+    before, after = (
+        equilibrium.world_from_flange.inverse().apply(equilibrium.state.positions)
+        for equilibrium in (begin, end)
+    )
     return math.sqrt(float(((after - before) ** 2).sum(axis=1).mean()))
 
 
@@ -308,13 +322,13 @@ def _jumped(begin: Equilibrium, end: Equilibrium) -> bool:
 def _load_change(begin: Equilibrium, end: Equilibrium) -> float:
     """Return how large a change of flange and loads is, compared with the loads at its end; at most 1."""
     a, b = begin.loads, end.loads
-    plain = (a.pressure_Pa, b.pressure_Pa), (a.cable_tension_N, b.cable_tension_N), (a.gravity, b.gravity)
-    shares = [_relative(np.array(before), np.array(after)) for before, after in plain]
-    forces = [np.zeros(0) if each.nodal_force is None else each.nodal_force.ravel() for each in (a, b)]
-    moved = end.world_from_flange @ begin.world_from_flange.inverse()
-    still = np.abs(moved.rotation - np.eye(3)).max() < _STILL > np.abs(moved.translation).max()
-    same = a.gas == b.gas and a.cable_length_m == b.cable_length_m
-    return min(1.0, max(*shares, _relative(forces[0], forces[1]))) if same and still else 1.0
+    values = ((a.pressure_Pa, b.pressure_Pa), (a.cable_tension_N, b.cable_tension_N), (a.gravity, b.gravity))
+    ratios = [_relative(np.array(before), np.array(after)) for before, after in values]
+    forces = [np.zeros(0) if loads.nodal_force is None else loads.nodal_force.ravel() for loads in (a, b)]
+    motion = end.world_from_flange @ begin.world_from_flange.inverse()
+    flange_rests = np.abs(motion.rotation - np.eye(3)).max() < _STILL > np.abs(motion.translation).max()
+    same_kinds = a.gas == b.gas and a.cable_length_m == b.cable_length_m
+    return min(1.0, max(*ratios, _relative(forces[0], forces[1]))) if same_kinds and flange_rests else 1.0
 
 
 def _relative(before: Array, after: Array) -> float:

@@ -14,7 +14,7 @@ WHOLE: Final = 0.2
 UNDECIDED: Final = "nothing decides on the side: rounding does"
 LEFT: Final = "leaves it all at once: it snaps, or nothing has decided on the side, and rounding does"
 IN_TIME: Final = UNDECIDED, LEFT
-"""Why a run in time takes a branch."""
+"""Reasons why a run in time follows a branch."""
 
 
 @final
@@ -152,8 +152,8 @@ class LowestMode:
     @property
     def direction(self) -> tuple[float, float, float]:
         """Unit vector of the motion of the node that moves most; its largest component is positive."""
-        most = self.mode[int(np.argmax(self.mode.max(axis=1)))]
-        x, y, z = (most / np.linalg.norm(most)).tolist()
+        largest_motion = self.mode[int(np.argmax(self.mode.max(axis=1)))]
+        x, y, z = (largest_motion / np.linalg.norm(largest_motion)).tolist()
         return x, y, z
 
     @property

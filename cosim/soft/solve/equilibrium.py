@@ -84,14 +84,14 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         guess = self.clamp.place(state.positions if start is None else start, world_from_flange)
-        films, here = self.self_contact, (guess, state.memory, world_from_flange, loads)
+        films, problem = self.self_contact, (guess, state.memory, world_from_flange, loads)
         if films is None or not films.is_deferred(state):
-            return self._solve(films, *here)
-        found = self._solve(None, *here)
-        if not films.presses_at_rest(found.state.positions):
-            return found
-        again = self._solve(films, *here)
-        return replace(again, iterations=found.iterations + again.iterations)
+            return self._solve(films, *problem)
+        without_films = self._solve(None, *problem)
+        if not films.presses_at_rest(without_films.state.positions):
+            return without_films
+        with_films = self._solve(films, *problem)
+        return replace(with_films, iterations=without_films.iterations + with_films.iterations)
 
     def out_of_balance(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> float:
         """Return the largest residual force [N] of a state, with self-contact.
@@ -114,39 +114,39 @@ class EquilibriumSolver:
     ) -> Equilibrium:
         """Find the equilibrium near a guess, with or without self-contact."""
         frame = world_from_flange.rotation
-        result, loads = self._solve_contacts(films, guess, memory, loads, frame)
-        result = self._solve_friction(result, memory, loads, frame)
-        if not result.converged:
+        solution, loads = self._solve_contacts(films, guess, memory, loads, frame)
+        solution = self._solve_friction(solution, memory, loads, frame)
+        if not solution.converged:
             film = self.solver.film
             raise ConvergenceError(
-                f"no equilibrium found: {result.outcome.value}; residual {result.residual_N:.3g} N, bound "
-                f"{self.options.tolerance_N:.3g} N, {result.iterations} iterations, the largest "
-                f"at {describe_largest(film.body, result.positions, film.gradient, self.solver.free)}",
-                result.residual_N,
-                result.iterations,
+                f"no equilibrium found: {solution.outcome.value}; residual {solution.residual_N:.3g} N, "
+                f"bound {self.options.tolerance_N:.3g} N, {solution.iterations} iterations, the largest "
+                f"at {describe_largest(film.body, solution.positions, film.gradient, self.solver.free)}",
+                solution.residual_N,
+                solution.iterations,
             )
         pairs = loads.self_contact
-        touching = None if pairs is None else pairs.memory(result.positions, resting=True)
-        wrench = self.clamp.wrench(self.solver.film.gradient, result.positions, world_from_flange)
-        memory = self.solver.film.advanced(result.positions, result.memory)
+        touching = None if pairs is None else pairs.memory(solution.positions, resting=True)
+        wrench = self.clamp.wrench(self.solver.film.gradient, solution.positions, world_from_flange)
+        memory = self.solver.film.advanced(solution.positions, solution.memory)
         return Equilibrium(
-            SoftState.at_rest(result.positions, memory, touching), world_from_flange, loads, wrench,
-            result.residual_N, result.iterations, result.potential_J, result.shifted,
-            negative_pivots=self._negative_pivots(result, loads, frame),
+            SoftState.at_rest(solution.positions, memory, touching), world_from_flange, loads, wrench,
+            solution.residual_N, solution.iterations, solution.potential_J, solution.shifted,
+            negative_pivots=self._negative_pivots(solution, loads, frame),
         )  # fmt: skip
 
-    def _negative_pivots(self, result: NewtonResult, loads: Loads, frame: Array) -> int | None:
+    def _negative_pivots(self, solution: NewtonResult, loads: Loads, frame: Array) -> int | None:
         """Return the number of unstable directions; None without a potential, or if checks are off."""
-        solver, here = self.solver, (result.positions, result.memory, loads)
+        solver, problem = self.solver, (solution.positions, solution.memory, loads)
         checks = self.options.checks_stability and solver.film.conservative
-        if result.negative_pivots is not None or not checks:
-            return result.negative_pivots
-        x, known = result.positions, self._stable
-        if known is not None and known[1] is loads and np.array_equal(known[0], x):
+        if solution.negative_pivots is not None or not checks:
+            return solution.negative_pivots
+        x, last_stable = solution.positions, self._stable
+        if last_stable is not None and last_stable[1] is loads and np.array_equal(last_stable[0], x):
             return 0
         # a reused factorisation may be of another shape; the next solution can reuse the new one
-        if not solver.factorise(*here, None, frame):
-            return solver.negative_pivots(*here)
+        if not solver.factorise(*problem, None, frame):
+            return solver.negative_pivots(*problem)
         self._stable = x, loads
         return 0
 
@@ -186,33 +186,33 @@ class EquilibriumSolver:
             ConvergenceError: none was found.
         """
         try:
-            found = self.follow(hung, hung.world_from_flange, loads)
+            loaded = self.follow(hung, hung.world_from_flange, loads)
         except ConvergenceError:
             if not (any(loads.pressure_Pa) and any(loads.gravity)):
                 raise
             with self.effort.search_apart("an equilibrium of a body that is filled without weight first"):
-                found = self._filled_first(hung.world_from_flange, loads)
-        spent, slides = hung.iterations + found.iterations, hung.slides + found.slides
+                loaded = self._filled_first(hung.world_from_flange, loads)
+        iterations, slides = hung.iterations + loaded.iterations, hung.slides + loaded.slides
         return replace(
-            found, iterations=spent, slides=slides, branchings=(*hung.branchings, *found.branchings)
+            loaded, iterations=iterations, slides=slides, branchings=(*hung.branchings, *loaded.branchings)
         )
 
     def _filled_first(self, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Return the equilibrium under loads, with the weight added last."""
         weightless = replace(loads, gravity=(0.0, 0.0, 0.0))
         drawn = SoftState.drawn(self.solver.film.body, world_from_flange)
-        here = self.hang(drawn, world_from_flange, weightless.gravity)
-        here = self.follow(here, world_from_flange, weightless)
+        equilibrium = self.hang(drawn, world_from_flange, weightless.gravity)
+        equilibrium = self.follow(equilibrium, world_from_flange, weightless)
         for k in range(1, _WEIGHT_STEPS + 1):
             partial_loads = weightless.interpolated(loads, k / _WEIGHT_STEPS)
-            found = self.follow(here, world_from_flange, partial_loads)
-            here = replace(
-                found,
-                iterations=here.iterations + found.iterations,
-                slides=here.slides + found.slides,
-                branchings=(*here.branchings, *found.branchings),
+            next_equilibrium = self.follow(equilibrium, world_from_flange, partial_loads)
+            equilibrium = replace(
+                next_equilibrium,
+                iterations=equilibrium.iterations + next_equilibrium.iterations,
+                slides=equilibrium.slides + next_equilibrium.slides,
+                branchings=(*equilibrium.branchings, *next_equilibrium.branchings),
             )
-        return here
+        return equilibrium
 
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads, in as few load steps as possible.
@@ -234,47 +234,50 @@ class EquilibriumSolver:
             return self._follow(begin, world_from_flange, loads)
 
     def _follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
-        here, done, load_step, spent, slides, failed = begin, 0.0, 1.0, 0, 0, 0
+        equilibrium, reached, load_step, iterations, slides = begin, 0.0, 1.0, 0, 0
+        failed = 0
         branchings: tuple[branching.Branching, ...] = ()
-        while done < 1.0:
-            load_factor = min(1.0, done + load_step)
+        while reached < 1.0:
+            load_factor = min(1.0, reached + load_step)
             pose = begin.world_from_flange.interpolated(world_from_flange, load_factor)
             load = begin.loads.interpolated(loads, load_factor)
-            state = here.state.carried(pose @ here.world_from_flange.inverse())
-            self.effort.set_progress(load.cable_tension_N, done, load_factor)
+            state = equilibrium.state.carried(pose @ equilibrium.world_from_flange.inverse())
+            self.effort.set_progress(load.cable_tension_N, reached, load_factor)
             try:
-                found = self.switch_branch(here, self.solve(state, pose, load))
+                next_equilibrium = self.switch_branch(equilibrium, self.solve(state, pose, load))
             except ConvergenceError as error:
-                spent, failed = spent + error.iterations, failed + error.iterations
+                iterations += error.iterations
+                failed += error.iterations
                 if load_step > 0.5**_SPLITS_MAX and failed < _FAILED_MAX:
-                    load_step = 0.5 * min(load_step, 1.0 - done)
+                    load_step = 0.5 * min(load_step, 1.0 - reached)
                     continue
                 if slides == self.slides_max:
-                    raise _with_progress(error, done, spent) from None
+                    raise _with_progress(error, reached, iterations) from None
                 try:
-                    found = self.switch_branch(here, self.slide(state, pose, load))
+                    next_equilibrium = self.switch_branch(equilibrium, self.slide(state, pose, load))
                     slides, load_step = slides + 1, 1.0
                 except ConvergenceError as last:
-                    raise _with_progress(last, done, spent + last.iterations) from None
+                    raise _with_progress(last, reached, iterations + last.iterations) from None
             branchings += tuple(
-                replace(each, load_factor=done + each.load_factor * (load_factor - done))
-                for each in found.branchings
+                replace(record, load_factor=reached + record.load_factor * (load_factor - reached))
+                for record in next_equilibrium.branchings
             )
-            here, done, spent = found, load_factor, spent + found.iterations
-            self._check_stretch(here, spent)
-        return replace(here, iterations=spent, slides=slides, branchings=branchings)
+            equilibrium, reached = next_equilibrium, load_factor
+            iterations += next_equilibrium.iterations
+            self._check_stretch(equilibrium, iterations)
+        return replace(equilibrium, iterations=iterations, slides=slides, branchings=branchings)
 
-    def _check_stretch(self, here: Equilibrium, spent: int) -> None:
-        """Raise if the film is stretched beyond what any film can bear, before the search goes on."""
-        (edges, drawn), x = self._drawn_edges, here.state.positions
-        along = x[edges[:, 1]] - x[edges[:, 0]]
-        length = float(np.sqrt(np.einsum("er,er->e", along, along)).sum())
-        if length > _STRETCH_MAX * drawn:
+    def _check_stretch(self, equilibrium: Equilibrium, iterations: int) -> None:
+        """Raise an error if the film is stretched more than any film can be, before the search continues."""
+        (edges, drawn_length_m), x = self._drawn_edges, equilibrium.state.positions
+        edge_vectors = x[edges[:, 1]] - x[edges[:, 0]]
+        length_m = float(np.sqrt(np.einsum("er,er->e", edge_vectors, edge_vectors)).sum())
+        if length_m > _STRETCH_MAX * drawn_length_m:
             raise ConvergenceError(
-                f"the film is stretched to {length / drawn:.3g} times its drawn length (bound "
+                f"the film is stretched to {length_m / drawn_length_m:.3g} times its drawn length (bound "
                 f"{_STRETCH_MAX:g}); raise its young_modulus_Pa or thickness_m, or lower the pressure",
-                here.residual_N,
-                spent,
+                equilibrium.residual_N,
+                iterations,
             )
 
     @cached_property
@@ -304,9 +307,9 @@ class EquilibriumSolver:
 
     def describe_instability(self, equilibrium: Equilibrium, lowest: LowestMode) -> branching.Branching:
         """Return the description of an unstable equilibrium, with its lowest mode."""
-        here = equilibrium
+        unstable_directions = max(1, equilibrium.negative_pivots or 0)
         return describe_instability(
-            self.solver, here.state, here.loads, lowest, max(1, here.negative_pivots or 0)
+            self.solver, equilibrium.state, equilibrium.loads, lowest, unstable_directions
         )
 
     def slide(self, state: SoftState, world_from_flange: Pose, loads: Loads) -> Equilibrium:
@@ -324,9 +327,9 @@ class EquilibriumSolver:
         if films is None or not films.is_deferred(state):
             return self._slide(films, state, world_from_flange, loads)
         try:
-            found = self._slide(None, state, world_from_flange, loads)
-            if not films.presses_at_rest(found.state.positions):
-                return found
+            without_films = self._slide(None, state, world_from_flange, loads)
+            if not films.presses_at_rest(without_films.state.positions):
+                return without_films
         except ConvergenceError:
             if films.static_pairs(state.positions) is None:
                 raise
@@ -359,9 +362,9 @@ class EquilibriumSolver:
 
     def _newton(self, start: Array, memory: Array, loads: Loads, frame: Array) -> NewtonResult:
         options = self.effort.bounded(self.options)
-        result = self.solver.solve(start, memory, loads, options, None, frame)
-        self.effort.spend(result)
-        return result
+        solution = self.solver.solve(start, memory, loads, options, None, frame)
+        self.effort.spend(solution)
+        return solution
 
     def _solve_contacts(
         self, films: SelfContact | None, start: Array, memory: Array, loads: Loads, frame: Array
@@ -381,61 +384,67 @@ class EquilibriumSolver:
             loads = replace(loads, self_contact=None)
         if films is None and obstacles is None and not self.solver.film.freshens:
             return self._newton(start, memory, loads, frame), loads
-        pairs, spent, shifted, trail, ways = None, 0, 0, [], None
+        pairs, iterations, shifted, trail, negative_pivots = None, 0, 0, [], None
         for round_ in range(CONTACT_ROUNDS_MAX):
             if films is not None:
                 # a foot at the edge of two triangles could change sides for ever, so its slack grows
                 pairs = films.static_pairs(start, pairs, _FOOT_SLACK * round_)
             planes = loads.contact if obstacles is None else obstacles(start)
             loads = replace(loads, contact=planes, self_contact=pairs)
-            result = self._newton(start, memory, loads, frame)
-            settled = round_ > 0 and result.iterations == 0
-            spent, shifted = spent + result.iterations, shifted + result.shifted
-            if settled or not result.converged:
-                ways = ways if settled else result.negative_pivots
-                return replace(result, iterations=spent, shifted=shifted, negative_pivots=ways), loads
-            start, ways = result.positions, result.negative_pivots
-            memory = self.solver.film.unslid(result.memory, memory)
+            solution = self._newton(start, memory, loads, frame)
+            settled = round_ > 0 and solution.iterations == 0
+            iterations, shifted = iterations + solution.iterations, shifted + solution.shifted
+            if settled or not solution.converged:
+                negative_pivots = negative_pivots if settled else solution.negative_pivots
+                return replace(
+                    solution, iterations=iterations, shifted=shifted, negative_pivots=negative_pivots
+                ), loads
+            start, negative_pivots = solution.positions, solution.negative_pivots
+            memory = self.solver.film.unslid(solution.memory, memory)
             if obstacles is not None or self.solver.film.slides:
                 trail.append(start)
                 start = extrapolate(trail)
-                ways = ways if start is result.positions else None
-        near = 0 if planes is None else len(planes.nodes)
+                negative_pivots = negative_pivots if start is solution.positions else None
+        near_points = 0 if planes is None else len(planes.nodes)
         raise ConvergenceError(
             f"no equilibrium found: the contacts still change after {CONTACT_ROUNDS_MAX} rounds, "
-            f"{len(pairs or ())} pairs of films, {near} points near obstacles; try smaller increments",
-            result.residual_N,
-            spent,
+            f"{len(pairs or ())} pairs of films, {near_points} points near obstacles; try smaller increments",
+            solution.residual_N,
+            iterations,
         )
 
     def _solve_friction(
-        self, result: NewtonResult, accepted: Array, loads: Loads, frame: Array
+        self, solution: NewtonResult, accepted: Array, loads: Loads, frame: Array
     ) -> NewtonResult:
         """Repeat the solution while losses along the cables change with the shape (no potential)."""
         film, cables = self.solver.film, self.solver.film.body.cables
         friction = any(cable.friction_coefficient for cable in cables) or film.slides
         if not friction and not losses_follow(cables, loads.cable_length_m):
-            return result
+            return solution
         for _ in range(_FRICTION_ROUNDS_MAX):
-            memory = film.unslid(result.memory, accepted)
-            again = self._newton(result.positions, memory, loads, frame)
-            if not again.converged:
-                return again
-            settled = again.iterations == 0
-            spent, shifted = result.iterations + again.iterations, result.shifted + again.shifted
-            result = replace(again, iterations=spent, shifted=shifted)
+            memory = film.unslid(solution.memory, accepted)
+            repeated = self._newton(solution.positions, memory, loads, frame)
+            if not repeated.converged:
+                return repeated
+            settled = repeated.iterations == 0
+            iterations = solution.iterations + repeated.iterations
+            shifted = solution.shifted + repeated.shifted
+            solution = replace(repeated, iterations=iterations, shifted=shifted)
             if settled:
-                return result
+                return solution
         # rounds may alternate between sticking and slipping; a smaller load step does not
-        return replace(result, outcome=Outcome.ITERATION_LIMIT) if film.slides else result
+        return replace(solution, outcome=Outcome.ITERATION_LIMIT) if film.slides else solution
 
 
-def _with_progress(error: ConvergenceError, done: float, spent: int) -> ConvergenceError:
+def _with_progress(error: ConvergenceError, reached_factor: float, iterations: int) -> ConvergenceError:
     """Return an error with the load factor reached and the iterations spent, if any, in its message."""
-    if not spent:
+    if not iterations:
         return error
-    message = f"{error}; followed over {100.0 * done:.3g} % of the way, given up after {spent} iterations"
-    return ConvergenceError(message, error.residual_N, spent)
+    message = (
+        f"{error}; followed over {100.0 * reached_factor:.3g} % of the way, given up after {iterations} "
+        "iterations"
+    )
+    return ConvergenceError(message, error.residual_N, iterations)
 
 
 def extrapolate(trail: list[Array]) -> Array:

@@ -30,16 +30,16 @@ class _FlangeMotion:
     follower: Follower
     lever_m: float
 
-    def jacobian(self, here: Equilibrium) -> tuple[TipFrame, Array]:
-        sensitivity = self.follower.sensitivity(here)
+    def jacobian(self, equilibrium: Equilibrium) -> tuple[TipFrame, Array]:
+        sensitivity = self.follower.sensitivity(equilibrium)
         tip = sensitivity.tip
-        gravity = np.array(here.loads.gravity)
+        gravity = np.array(equilibrium.loads.gravity)
         motion = np.eye(6)
-        motion[:3, 3:] = -cross_matrix(tip.position - here.world_from_flange.translation)
+        motion[:3, 3:] = -cross_matrix(tip.position - equilibrium.world_from_flange.translation)
         motion[:, 3:] += sensitivity.to_gravity() @ cross_matrix(gravity)
         return tip, motion
 
-    def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+    def step(self, equilibrium: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
         scale = np.array([1.0, 1.0, 1.0, *([1.0 / self.lever_m] * 3)])
         change = scale * np.linalg.lstsq(matrix * scale, missing, rcond=1e-9)[0]
         return np.asarray(change * min(1.0, bound / max(self.size(change), 1e-12)))
@@ -48,10 +48,10 @@ class _FlangeMotion:
         shift, turn = float(np.linalg.norm(change[:3])), float(np.linalg.norm(change[3:]))
         return max(shift / _LARGEST_SHIFT_M, turn / _LARGEST_TURN_RAD)
 
-    def moved(self, here: Equilibrium, change: Array) -> tuple[Pose, Loads]:
-        pose = here.world_from_flange
+    def moved(self, equilibrium: Equilibrium, change: Array) -> tuple[Pose, Loads]:
+        pose = equilibrium.world_from_flange
         turned = rotation_from_vector(change[3:]) @ pose.rotation
-        return Pose(turned, pose.translation + change[:3]), here.loads
+        return Pose(turned, pose.translation + change[:3]), equilibrium.loads
 
 
 def find_flange_pose(
@@ -69,13 +69,13 @@ def find_flange_pose(
         UnreachableError: not found; `closest` is the best TargetSolution.
     """
     options = options or TargetOptions()
-    result = TipSearch(follower, target, options, _FlangeMotion(follower, options.lever_m)).run(begin)
-    if not result.reason:
-        return result.nearest
-    nearest = result.nearest
-    place = np.round(nearest.equilibrium.world_from_flange.translation, 4).tolist()
+    search_end = TipSearch(follower, target, options, _FlangeMotion(follower, options.lever_m)).run(begin)
+    if not search_end.reason:
+        return search_end.nearest
+    nearest = search_end.nearest
+    flange_m = np.round(nearest.equilibrium.world_from_flange.translation, 4).tolist()
     raise UnreachableError(
         f"no flange pose found that brings the tip to the target; the nearest, after {nearest.iterations} "
-        f"iterations, is {nearest.off()} off, with the flange at {place} m: {result.reason}",
+        f"iterations, is {nearest.off()} off, with the flange at {flange_m} m: {search_end.reason}",
         nearest,
     )

@@ -17,7 +17,7 @@ class FrozenTangent(NamedTuple):
         column: (blocks,).
         blocks: (blocks, 3, 3) [N/m].
         low_rank: dense parts; None for none.
-        caps: what missing caps add, by ring.
+        caps: terms of missing caps, by ring.
     """
 
     row: IntArray
@@ -46,12 +46,12 @@ class FrozenTangent(NamedTuple):
         row, column = self.row, self.column
         force, below = np.zeros_like(motion), row > column
         np.add.at(force, row, np.einsum("brc,bc...->br...", self.blocks, motion[column]))
-        turned = np.einsum("bcr,bc...->br...", self.blocks[below], motion[row[below]])
-        np.add.at(force, column[below], turned)
+        upper_force = np.einsum("bcr,bc...->br...", self.blocks[below], motion[row[below]])
+        np.add.at(force, column[below], upper_force)
         if self.low_rank is not None:
             along = np.einsum("knr,nr...->k...", self.low_rank.vectors, motion)
             force += np.einsum("k,k...,knr->nr...", self.low_rank.coefficients, along, self.low_rank.vectors)
-        for ring, part in self.caps:
-            moved = motion[ring]
-            force[ring] += (part @ moved.reshape(len(part), -1)).reshape(moved.shape)
+        for ring, cap_terms in self.caps:
+            ring_motion = motion[ring]
+            force[ring] += (cap_terms @ ring_motion.reshape(len(cap_terms), -1)).reshape(ring_motion.shape)
         return force

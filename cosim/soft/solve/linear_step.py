@@ -91,22 +91,24 @@ class RestingBody:
         columns = np.eye(count + 6 + len(self.loads))
         begin = [columns[k * size : (k + 1) * size] for k in range(count // size)]
         flange, loads = columns[count : count + 6], columns[count + 6 :]
-        place = np.linalg.pinv(carried[held])  # of the flange, by what it holds
+        flange_from_held = np.linalg.pinv(carried[held])  # motion of the flange from the held coordinates
         base, speed = begin[0], begin[1]
-        along = carried @ (flange - place @ begin[0][held]) / span
+        rigid_velocity = carried @ (flange - flange_from_held @ begin[0][held]) / span
         if coefficients.two_steps:
             base, speed = (
                 (4.0 * last - first) / 3.0 for last, first in ((base, begin[2]), (speed, begin[3]))
             )
-            along = (4.0 * along - carried @ (flange - place @ begin[2][held]) / span) / 3.0
-        target = base + coefficients.factor * (speed + coefficients.alpha_s * along)
+            rigid_velocity = (
+                4.0 * rigid_velocity - carried @ (flange - flange_from_held @ begin[2][held]) / span
+            ) / 3.0
+        target = base + coefficients.factor * (speed + coefficients.alpha_s * rigid_velocity)
         inertia, losses = self.mass / (coefficients.factor * span), self.losses / span
         tangent = self.stiffness + losses + inertia
         end, rest = carried @ flange, self.slopes @ loads - inertia @ target - losses @ base
         pushed = tangent[np.ix_(~held, held)] @ end[held] + rest[~held]
         end[~held] = -np.linalg.solve(tangent[np.ix_(~held, ~held)], pushed)
         rate = (end - base) / span
-        dragged = coefficients.alpha_s / span * (carried.T @ (self.mass @ (rate - along)))
+        dragged = coefficients.alpha_s / span * (carried.T @ (self.mass @ (rate - rigid_velocity)))
         wrench = dragged - self.supplied(tangent @ end + rest, end)
         rows = np.concatenate([end, rate, *begin[:2]])[:count]
         matrix = np.concatenate([rows, wrench, self.moments @ end])

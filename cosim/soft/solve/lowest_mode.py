@@ -57,16 +57,16 @@ def lowest_mode(
     def inverse(vector: Array) -> Array:
         return np.asarray(root * solver.linear.solve(root * vector.reshape(-1, 3))).ravel()
 
-    least = _LEAST_SHIFT / float(weights.mean())
-    ShiftSearch().factor(definite, least, least * _LARGEST_SHIFT / _LEAST_SHIFT)
+    least_shift = _LEAST_SHIFT / float(weights.mean())
+    ShiftSearch().factor(definite, least_shift, least_shift * _LARGEST_SHIFT / _LEAST_SHIFT)
     start = np.where(solver.free, np.random.default_rng(0).standard_normal(x.shape), 0.0).ravel()
     operator = LinearOperator((x.size, x.size), matvec=inverse, dtype=np.float64)
     count = min(count, int(np.count_nonzero(solver.free)), x.size - 1)
     room = min(_VECTORS + 2 * (count - 1), x.size)
-    found, vectors = eigsh(operator, k=count, which="LA", v0=start, tol=_TOLERANCE, ncv=room)
+    inverse_values, vectors = eigsh(operator, k=count, which="LA", v0=start, tol=_TOLERANCE, ncv=room)
     solver.set_factor_key(None)
-    order = np.argsort(-found)
-    values = (1.0 / found[order] - shift).tolist()
+    order = np.argsort(-inverse_values)
+    values = (1.0 / inverse_values[order] - shift).tolist()
     shapes = vectors.T[order].reshape(len(order), -1, 3) / root
     mode = shapes[0] / shapes[0].ravel()[np.argmax(np.abs(shapes[0]))]
     place = describe_largest(solver.film.body, x, mode, solver.free)

@@ -78,7 +78,7 @@ class ParameterChange(NamedTuple):
     @property
     def step(self) -> float:
         """The largest offset, in the parameter's unit."""
-        return max(abs(side.offset) for side in self.sides)
+        return max(abs(model.offset) for model in self.sides)
 
 
 class ParameterDerivative(NamedTuple):
@@ -86,7 +86,7 @@ class ParameterDerivative(NamedTuple):
 
     Args:
         motion: (n, 3) [m], of the nodes, held ones included.
-        quotient: (n, 3) [N], of the gradient at shapes that move by `taken`.
+        quotient: (n, 3) [N], difference quotient of the gradient, at shapes that move by `taken`.
         taken: (n, 3) [m], motion of the shapes in the quotient.
         bent: (n, 3) [N], second difference of the gradient over a step; None for a linear parameter.
         step: of the parameter, in its unit.
@@ -113,7 +113,7 @@ class EquilibriumDerivatives:
     Args:
         solver: Newton's method for the body with the present clamp.
         clamp: of the body.
-        here: equilibrium.
+        equilibrium: of the derivatives.
         kinks: whether kinks of the forces are accepted, as in a search for a minimum.
         inertia: of an implicit step that ends there; None in statics.
 
@@ -122,23 +122,23 @@ class EquilibriumDerivatives:
     """
 
     def __init__(
-        self, solver: newton.NewtonSolver, clamp: Clamp, here: Equilibrium, *, kinks: bool = False,
+        self, solver: newton.NewtonSolver, clamp: Clamp, equilibrium: Equilibrium, *, kinks: bool = False,
         inertia: Inertia | None = None,
     ) -> None:  # fmt: skip
-        factorise_at(solver, here, inertia)
-        self._kinks, self._solver, self._here, self._clamp = kinks, solver, here, clamp
+        factorise_at(solver, equilibrium, inertia)
+        self._kinks, self._solver, self._equilibrium, self._clamp = kinks, solver, equilibrium, clamp
         film = solver.film
-        self._x = np.array(here.state.positions, order="C")
-        self._memory = film.fresh(here.state.memory) if inertia is None else here.state.memory
+        self._x = np.array(equilibrium.state.positions, order="C")
+        self._memory = film.fresh(equilibrium.state.memory) if inertia is None else equilibrium.state.memory
         # only held nodes need the tangent itself; for the others the factorisation is enough
         self._tangent = FrozenTangent.of(film, self._x, np.asarray((~solver.free).any(axis=1)))
-        lengths = here.loads.cable_length_m or (None,) * len(film.body.cables)
+        lengths = equilibrium.loads.cable_length_m or (None,) * len(film.body.cables)
         pairs = zip(film.body.cables, lengths, strict=True)
         self._losses_move = any(
             cable.friction_coefficient or (length is not None and cable.lossy) for cable, length in pairs
         )
-        self.own = PerturbedModel(0.0, 0.0, 0.0, film, clamp, here.loads, True, inertia)
-        self._losses = film.losses_at(self._x, here.loads, self._memory)
+        self.own = PerturbedModel(0.0, 0.0, 0.0, film, clamp, equilibrium.loads, True, inertia)
+        self._losses = film.losses_at(self._x, equilibrium.loads, self._memory)
         self.gradient = self._gradient_of(self.own, self._x, self._losses)
 
     def by(self, parameters: Sequence[ParameterChange]) -> list[ParameterDerivative]:
@@ -147,55 +147,64 @@ class EquilibriumDerivatives:
         Raises:
             SensitivityError: no derivative exists: the forces have a kink, or the rounds do not converge.
         """
-        plain = [
-            not self._losses_move and all(side.clamp is self._clamp for side in each.sides)
-            for each in parameters
+        are_plain = [
+            not self._losses_move and all(model.clamp is self._clamp for model in parameter.sides)
+            for parameter in parameters
         ]
-        found = self._plain_slopes([each for each, one in zip(parameters, plain, strict=True) if one])
+        plain_derivatives = self._plain_slopes(
+            [parameter for parameter, is_plain in zip(parameters, are_plain, strict=True) if is_plain]
+        )
         slopes = [
-            next(found) if one else self._slope(each) for each, one in zip(parameters, plain, strict=True)
+            next(plain_derivatives) if is_plain else self._slope(parameter)
+            for parameter, is_plain in zip(parameters, are_plain, strict=True)
         ]
         if not self._kinks and self._bends(slopes):
-            for each, slope in zip(parameters, slopes, strict=True):
-                self._check_kink(each, slope.motion)
+            for parameter, slope in zip(parameters, slopes, strict=True):
+                self._check_kink(parameter, slope.motion)
         return slopes
 
     def _plain_slopes(self, parameters: Sequence[ParameterChange]) -> Iterator[ParameterDerivative]:
         """Yield the derivatives by parameters that change neither the drawn film nor the losses."""
-        still = np.zeros_like(self._x)
-        quotients = [self._quotient(each, still, None) for each in parameters]
-        forces = np.array([quotient for quotient, _, _ in quotients]).reshape(-1, *still.shape)
+        no_motion = np.zeros_like(self._x)
+        quotients = [self._quotient(parameter, no_motion, None) for parameter in parameters]
+        forces = np.array([quotient for quotient, _, _ in quotients]).reshape(-1, *no_motion.shape)
         motions = -self._solver.linear.solve_all(np.where(self._solver.free, forces, 0.0))
-        for each, motion, (quotient, taken, bent) in zip(parameters, motions, quotients, strict=True):
-            yield ParameterDerivative(motion, quotient, taken, bent, each.step)
+        for parameter, motion, (quotient, shape_motion, bent) in zip(
+            parameters, motions, quotients, strict=True
+        ):
+            yield ParameterDerivative(motion, quotient, shape_motion, bent, parameter.step)
 
     def _slope(self, parameter: ParameterChange) -> ParameterDerivative:
         """Return the derivative by a parameter, by fixed-point rounds."""
-        sides, free = parameter.sides, self._solver.free
-        redrawn, before = any(side.clamp is not self._clamp for side in sides), 0.0
-        motion = held = sum(side.weight * self._held_motion(side) for side in sides) + np.zeros_like(self._x)
+        models, free = parameter.sides, self._solver.free
+        redrawn, before = any(model.clamp is not self._clamp for model in models), 0.0
+        motion = held_motion = sum(
+            model.weight * self._held_motion(model) for model in models
+        ) + np.zeros_like(self._x)
         # in the first round of statics one side is accurate enough
         rough, at_once = parameter._replace(straight=True), self.own.inertia is None and not self._losses_move
         for round_ in range(_ROUNDS_MAX):
             along = motion if redrawn and round_ else None
-            moved = rough if redrawn and not round_ else parameter
-            quotient, taken, bent = self._quotient(moved, motion, along)
-            pushed = self._tangent.times(held - taken) if redrawn and along is None else 0.0
-            last, motion = motion, taken + np.where(free, 0.0, held - taken)
+            differenced = rough if redrawn and not round_ else parameter
+            quotient, shape_motion, bent = self._quotient(differenced, motion, along)
+            pushed = self._tangent.times(held_motion - shape_motion) if redrawn and along is None else 0.0
+            last, motion = motion, shape_motion + np.where(free, 0.0, held_motion - shape_motion)
             motion = motion - self._solver.linear.solve(np.where(free, quotient + pushed, 0.0))
-            size, most = float(np.abs(motion - last).max()), float(np.abs(motion).max())
-            fall = min(1.0, size / before) if before else 1.0
-            if size * fall <= _CONVERGED * most or (at_once and round_ and size < _NEAR * most):
+            change_m, largest_m = float(np.abs(motion - last).max()), float(np.abs(motion).max())
+            fall = min(1.0, change_m / before) if before else 1.0
+            if change_m * fall <= _CONVERGED * largest_m or (
+                at_once and round_ and change_m < _NEAR * largest_m
+            ):
                 break
-            if before and 0.5 * before < size <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * most:
+            if before and 0.5 * before < change_m <= (_ROUNDED if redrawn else 0.1 * _ROUNDED) * largest_m:
                 break
-            before = size
+            before = change_m
         else:
             raise SensitivityError(
                 f"no derivative by {parameter.name}: losses along cables, which follow the shape, do not "
                 f"settle in {_ROUNDS_MAX} rounds; a fold or a slip is near, move the loads away from there"
             )
-        return ParameterDerivative(motion, quotient, taken, bent, parameter.step)
+        return ParameterDerivative(motion, quotient, shape_motion, bent, parameter.step)
 
     def moved(self, side: PerturbedModel, slope: ParameterDerivative) -> tuple[Array, Array]:
         """Return positions (n, 3) [m] and the gradient (n, 3) [N] of held nodes for a changed model."""
@@ -203,11 +212,11 @@ class EquilibriumDerivatives:
         pushed[self._solver.free] = 0.0
         return self._x + side.offset * slope.motion, self.gradient + side.offset * pushed
 
-    def _held_motion(self, side: PerturbedModel) -> Array:
+    def _held_motion(self, model: PerturbedModel) -> Array:
         """Return the displacements (n, 3) [m] of held nodes by a changed clamp."""
-        if side.clamp is self._clamp:
+        if model.clamp is self._clamp:
             return np.zeros_like(self._x)
-        return side.clamp.place(self._x, self._here.world_from_flange) - self._x
+        return model.clamp.place(self._x, self._equilibrium.world_from_flange) - self._x
 
     def _quotient(
         self, parameter: ParameterChange, motion: Array, along: Array | None
@@ -222,33 +231,37 @@ class EquilibriumDerivatives:
             motion: (n, 3) [m], of the shapes for losses along cables.
             along: (n, 3) [m], of the shapes; None for the fixed shape.
         """
-        found, taken = np.zeros_like(self._x), np.zeros_like(self._x)
+        quotient, shape_motion = np.zeros_like(self._x), np.zeros_like(self._x)
         if parameter.straight and not self._losses_move and self.own.inertia is None:
-            side = parameter.sides[-1]
-            forces = self._gradient_of(side, self._x, self._cable_losses(side, self._x))
-            return (forces - self.gradient) / side.offset, taken, None
-        bent = -sum(side.bend for side in parameter.sides) * self.gradient
-        for side in parameter.sides:
-            x = self._x if along is None else np.ascontiguousarray(self._x + side.offset * along)
-            lost_at = self._x + side.offset * motion if self._losses_move else self._x
-            still = not side.offset and side.inertia is self.own.inertia
-            forces = self.gradient if still else self._gradient_of(side, x, self._cable_losses(side, lost_at))
-            found += side.weight * forces
-            bent += side.bend * forces
+            model = parameter.sides[-1]
+            forces = self._gradient_of(model, self._x, self._cable_losses(model, self._x))
+            return (forces - self.gradient) / model.offset, shape_motion, None
+        bent = -sum(model.bend for model in parameter.sides) * self.gradient
+        for model in parameter.sides:
+            x = self._x if along is None else np.ascontiguousarray(self._x + model.offset * along)
+            lost_at = self._x + model.offset * motion if self._losses_move else self._x
+            is_unchanged = not model.offset and model.inertia is self.own.inertia
+            forces = (
+                self.gradient
+                if is_unchanged
+                else self._gradient_of(model, x, self._cable_losses(model, lost_at))
+            )
+            quotient += model.weight * forces
+            bent += model.bend * forces
             if along is not None:
-                taken += side.weight * (x - self._x)
-        return found, taken, bent
+                shape_motion += model.weight * (x - self._x)
+        return quotient, shape_motion, bent
 
-    def _cable_losses(self, side: PerturbedModel, x: Array) -> Array:
+    def _cable_losses(self, model: PerturbedModel, x: Array) -> Array:
         """Return the cable losses of a changed model at a shape (n, 3) [m]."""
-        if side.alike and side.loads is self.own.loads and not self._losses_move:
+        if model.alike and model.loads is self.own.loads and not self._losses_move:
             return self._losses
-        return side.film.losses_at(x, side.loads, self._memory)
+        return model.film.losses_at(x, model.loads, self._memory)
 
-    def _gradient_of(self, side: PerturbedModel, x: Array, weight: Array) -> Array:
+    def _gradient_of(self, model: PerturbedModel, x: Array, weight: Array) -> Array:
         """Return the gradient (n, 3) [N] of a model's potential at a shape (n, 3) [m], with given losses."""
-        film = side.film
-        film.evaluate(x, side.loads, weight, self._memory, inertia=side.inertia, hessian=False)
+        film = model.film
+        film.evaluate(x, model.loads, weight, self._memory, inertia=model.inertia, hessian=False)
         return film.gradient.copy()
 
     def _bends(self, slopes: Sequence[ParameterDerivative]) -> bool:
@@ -273,10 +286,10 @@ class EquilibriumDerivatives:
 
     def _check_kink(self, parameter: ParameterChange, motion: Array) -> None:
         """Raise if a second difference of the forces moves the shape much, compared with the step."""
-        bent = -sum(side.bend for side in parameter.sides) * self.gradient
-        for side in parameter.sides:
-            x = np.ascontiguousarray(self._x + side.offset * motion)
-            bent = bent + side.bend * self._gradient_of(side, x, self._cable_losses(side, x))
+        bent = -sum(model.bend for model in parameter.sides) * self.gradient
+        for model in parameter.sides:
+            x = np.ascontiguousarray(self._x + model.offset * motion)
+            bent = bent + model.bend * self._gradient_of(model, x, self._cable_losses(model, x))
         size_m = parameter.step * float(np.abs(motion).max())
         if self._bend_m(bent) > _KINK * max(size_m, _SEEN_m):
             bent = np.where(self._solver.free, bent, 0.0)

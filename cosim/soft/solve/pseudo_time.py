@@ -52,41 +52,45 @@ def slide(
     """
     options = replace(options, reuse_max=0)
     step = replace(options, iterations_max=min(_ITERATIONS_MAX, options.iterations_max))
-    proximal_N_m, x, spent, failed, shifted = _FIRST_N_m, start, 0, 0, 0
+    proximal_N_m, x, iterations, failed, shifted = _FIRST_N_m, start, 0, 0, 0
     largest_m, reduced, slows = np.inf, False, False
-    least_N, since = np.inf, 0
-    found: NewtonResult | None = None
+    least_N, improved_at = np.inf, 0
+    solution: NewtonResult | None = None
     for _ in range(_STEPS_MAX):
         loads, bounded = loads_at(x), effort.bounded(step)
-        tried = solver.solve(x, memory, loads, bounded, Inertia(np.full(len(x), proximal_N_m), x))
-        effort.spend(tried)
-        spent, shifted = spent + tried.iterations, shifted + tried.shifted
-        if tried.outcome is Outcome.INDEFINITE and not tried.iterations:
+        trial = solver.solve(x, memory, loads, bounded, Inertia(np.full(len(x), proximal_N_m), x))
+        effort.spend(trial)
+        iterations, shifted = iterations + trial.iterations, shifted + trial.shifted
+        if trial.outcome is Outcome.INDEFINITE and not trial.iterations:
             break  # shifts larger than any c were tried
-        if tried.outcome is Outcome.NOT_FINITE or tried.outcome is Outcome.INDEFINITE:
+        if trial.outcome is Outcome.NOT_FINITE or trial.outcome is Outcome.INDEFINITE:
             proximal_N_m *= _RISE
-            failed += tried.iterations
+            failed += trial.iterations
         else:
-            before, largest_m = largest_m, float(np.abs(tried.positions - x).max())
-            slows, reduced = reduced and largest_m <= before, tried.converged
-            x, memory = tried.positions, tried.memory
+            before, largest_m = largest_m, float(np.abs(trial.positions - x).max())
+            slows, reduced = reduced and largest_m <= before, trial.converged
+            x, memory = trial.positions, trial.memory
             residual_N = proximal_N_m * largest_m  # residual without the proximal term
-            if tried.converged and residual_N < _LESS * least_N:
-                least_N, since = residual_N, spent
-            proximal_N_m *= _FALL if tried.converged else _RISE
+            if trial.converged and residual_N < _LESS * least_N:
+                least_N, improved_at = residual_N, iterations
+            proximal_N_m *= _FALL if trial.converged else _RISE
         # beyond the end of a branch steps grow as c falls: no equilibrium is near yet
-        if tried.converged and proximal_N_m < _PLAIN_BELOW_N_m and slows:
-            found = solver.solve(x, memory, loads, effort.bounded(options))
-            effort.spend(found)
-            spent, shifted = spent + found.iterations, shifted + found.shifted
-            if found.converged:
+        if trial.converged and proximal_N_m < _PLAIN_BELOW_N_m and slows:
+            solution = solver.solve(x, memory, loads, effort.bounded(options))
+            effort.spend(solution)
+            iterations, shifted = iterations + solution.iterations, shifted + solution.shifted
+            if solution.converged:
                 break
-            failed += found.iterations
+            failed += solution.iterations
         proximal_N_m = max(proximal_N_m, _LEAST_N_m)
-        if proximal_N_m > _LARGEST_N_m or failed >= _FAILED_MAX or spent - since >= effort.patience:
+        if (
+            proximal_N_m > _LARGEST_N_m
+            or failed >= _FAILED_MAX
+            or iterations - improved_at >= effort.patience
+        ):
             break
-    if found is None:
-        found = solver.solve(x, memory, loads_at(x), effort.bounded(options))
-        effort.spend(found)
-        spent, shifted = spent + found.iterations, shifted + found.shifted
-    return replace(found, iterations=spent, shifted=shifted)
+    if solution is None:
+        solution = solver.solve(x, memory, loads_at(x), effort.bounded(options))
+        effort.spend(solution)
+        iterations, shifted = iterations + solution.iterations, shifted + solution.shifted
+    return replace(solution, iterations=iterations, shifted=shifted)

@@ -61,7 +61,7 @@ class RestingFilm:
             raise InputError("a linear model needs mass on all nodes; set soft_robot.mass or densities")
         if not film.conservative:
             raise InputError("a linear model needs closed ends: set model.closed = true")
-        names, slopes, still = self._by_loads()
+        names, slopes, gradient_at_rest = self._by_loads()
         self._gradient(self.loads, hessian=True)
         tangent = frozen_tangent.FrozenTangent.of(film, self.state.positions)
         carried = self._carried()
@@ -72,44 +72,45 @@ class RestingFilm:
         inertia = flat.T @ (np.repeat(mass, 3)[:, None] * flat)
         held = np.arange(v.shape[2]) < 6
         tip = np.concatenate([v[film.body.tip].mean(axis=0), np.zeros((3, len(names)))], axis=1)
-        along = np.eye(v.shape[2])[:, :6]
+        flange_motions = np.eye(v.shape[2])[:, :6]
         body = RestingBody(
-            stiffness, inertia, self._losses(v), along, flat.T @ slopes.reshape(len(flat), -1),
-            held, self._supplied(still), self._moments(v), names, tip, v,
+            stiffness, inertia, self._losses(v), flange_motions, flat.T @ slopes.reshape(len(flat), -1),
+            held, self._supplied(gradient_at_rest), self._moments(v), names, tip, v,
         )  # fmt: skip
         return body.linear_step(coefficients)
 
     def _gradient(self, loads: Loads, *, hessian: bool = False) -> Array:
         film, state = self.solver.film, self.state
-        share = film.losses_at(state.positions, loads, state.memory)
-        film.evaluate(state.positions, loads, share, state.memory, hessian=hessian)
+        losses = film.losses_at(state.positions, loads, state.memory)
+        film.evaluate(state.positions, loads, losses, state.memory, hessian=hessian)
         return film.gradient.copy()
 
     def _by_loads(self) -> tuple[tuple[LoadName, ...], Array, Array]:
         """Return the commanded loads, the gradient's derivatives (n, 3, loads) by them, and the gradient."""
         loads, count = self.loads, self.solver.film.gas.count
-        still, pressures, pulls = self._gradient(loads), loads.pressures(count), loads.cable_tension_N
+        gradient, pressures = self._gradient(loads), loads.pressures(count)
+        pulls = loads.cable_tension_N
         names, columns = list[LoadName](), list[Array]()
         for k, gas in enumerate(loads.gases(count)):
             if gas is None:
                 changed = (*pressures[:k], pressures[k] + _PRESSED_Pa, *pressures[k + 1 :])
                 names.append(("pressure_Pa", k))
-                columns.append((self._gradient(replace(loads, pressure_Pa=changed)) - still) / _PRESSED_Pa)
+                columns.append((self._gradient(replace(loads, pressure_Pa=changed)) - gradient) / _PRESSED_Pa)
         lengths = loads.cable_length_m or (None,) * len(pulls)
         for k in (k for k, length in enumerate(lengths) if length is None):
             changed = (*pulls[:k], pulls[k] + _PULLED_N, *pulls[k + 1 :])
             names.append(("cable_tension_N", k))
-            columns.append((self._gradient(replace(loads, cable_tension_N=changed)) - still) / _PULLED_N)
-        whole = np.array(columns).reshape(len(columns), *still.shape)
-        return tuple(names), np.moveaxis(whole, 0, 2), still
+            columns.append((self._gradient(replace(loads, cable_tension_N=changed)) - gradient) / _PULLED_N)
+        slopes = np.array(columns).reshape(len(columns), *gradient.shape)
+        return tuple(names), np.moveaxis(slopes, 0, 2), gradient
 
     def _carried(self) -> Array:
         """Return the motion of nodes (n, 3, 6) that move with the flange's (dr, phi)."""
         arms = self.state.positions - self.flange.translation
-        found = np.zeros((len(arms), 3, 6))
-        found[:, :, :3] = np.eye(3)
-        found[:, :, 3:] = [-cross_matrix(arm) for arm in arms]
-        return found
+        rigid_motions = np.zeros((len(arms), 3, 6))
+        rigid_motions[:, :, :3] = np.eye(3)
+        rigid_motions[:, :, 3:] = [-cross_matrix(arm) for arm in arms]
+        return rigid_motions
 
     def _motions(self, pushes: Array, count: int) -> Array:
         """Return V (n, 3, k), orthonormal by mass.
@@ -124,14 +125,14 @@ class RestingFilm:
             free = np.flatnonzero(solver.free)
             return np.eye(solver.free.size)[:, free].reshape(*solver.free.shape, -1) / root
         frame = self.flange.rotation
-        found = lowest_mode.lowest_mode(solver, self.state, self.loads, frame, mass, count)
+        slowest = lowest_mode.lowest_mode(solver, self.state, self.loads, frame, mass, count)
         loaded = np.ascontiguousarray(np.moveaxis(np.where(solver.free[..., None], pushes, 0.0), 2, 0))
-        both = np.concatenate([found.shapes, solver.linear.solve_all(loaded)])
-        weighed = np.where(solver.free[..., None], root * np.moveaxis(both, 0, 2), 0.0)
-        columns = weighed.reshape(-1, len(both))
+        shapes = np.concatenate([slowest.shapes, solver.linear.solve_all(loaded)])
+        weighted = np.where(solver.free[..., None], root * np.moveaxis(shapes, 0, 2), 0.0)
+        columns = weighted.reshape(-1, len(shapes))
         columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        turned, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-        basis = turned[:, sizes > _SAME * sizes[0]]
+        left_vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        basis = left_vectors[:, sizes > _SAME * sizes[0]]
         return basis.reshape(*solver.free.shape, -1) / root
 
     def _losses(self, v: Array) -> Array:
@@ -143,31 +144,34 @@ class RestingFilm:
         rates.begin(x, None, 1.0)
         steps = _MOVED_m / np.abs(v).max(axis=(0, 1))
         ends = [
-            [rates.gradient(np.ascontiguousarray(x + way * step * v[:, :, k])) for way in (1.0, -1.0)]
+            [rates.gradient(np.ascontiguousarray(x + sign * step * v[:, :, k])) for sign in (1.0, -1.0)]
             for k, step in enumerate(steps)
         ]
         forces = np.array(
-            [(one - two).ravel() / (2.0 * step) for (one, two), step in zip(ends, steps, strict=True)]
+            [
+                (forward - backward).ravel() / (2.0 * step)
+                for (forward, backward), step in zip(ends, steps, strict=True)
+            ]
         )
-        found = forces @ v.reshape(-1, v.shape[2])
-        return np.asarray(0.5 * (found + found.T))
+        losses = forces @ v.reshape(-1, v.shape[2])
+        return np.asarray(0.5 * (losses + losses.T))
 
-    def _supplied(self, still: Array) -> Callable[[Array, Array], Array]:
+    def _supplied(self, gradient_at_rest: Array) -> Callable[[Array, Array], Array]:
         """Return the change of the flange's reaction as a function, see `RestingBody`.
 
         Lever arms of held nodes turn with the flange; the residual of free nodes is zero.
 
         Args:
-            still: (n, 3) [N], the gradient.
+            gradient_at_rest: (n, 3) [N].
         """
-        reaction = self.clamp.reaction(still)
+        reaction = self.clamp.reaction(gradient_at_rest)
         arms = self.state.positions[self.clamp.nodes] - self.flange.translation
         turns = [np.cross(np.cross(axis, arms), reaction).sum(axis=0) for axis in np.eye(3)]
 
         def supplied(gradient: Array, end: Array) -> Array:
-            found = gradient[:6].copy()
-            found[3:] += np.array(turns).T @ end[3:6]
-            return found
+            reaction_change = gradient[:6].copy()
+            reaction_change[3:] += np.array(turns).T @ end[3:6]
+            return reaction_change
 
         return supplied
 
@@ -175,7 +179,7 @@ class RestingFilm:
         """Return the derivatives (12, k) of centre and inertia about it."""
         mass, x = self.solver.film.body.node_mass, self.state.positions
         center = np.einsum("n,nrk->rk", mass, v) / mass.sum()
-        away = x - mass @ x / mass.sum()
-        mixed = np.einsum("n,nr,nsk->rsk", mass, away, v)
+        from_center = x - mass @ x / mass.sum()
+        mixed = np.einsum("n,nr,nsk->rsk", mass, from_center, v)
         inertia = 2.0 * np.einsum("rrk,st->stk", mixed, np.eye(3)) - mixed - mixed.swapaxes(0, 1)
         return np.concatenate([center, inertia.reshape(9, -1)])

@@ -106,17 +106,17 @@ class SearchEffort:
         finally:
             self._bound = bound + self.spent - begin
 
-    def set_progress(self, tensions_N: Sequence[float], done: float, wanted: float) -> None:
+    def set_progress(self, tensions_N: Sequence[float], reached_factor: float, load_factor: float) -> None:
         """Set the load step that is tried next, for reports.
 
         Args:
             tensions_N: of the cables, at its end [N].
-            done: load factor at its start.
-            wanted: load factor at its end.
+            reached_factor: load factor at its start.
+            load_factor: load factor at its end.
         """
-        way = f"{100.0 * done:.3g} to {100.0 * wanted:.3g} % of the way"
+        progress = f"{100.0 * reached_factor:.3g} to {100.0 * load_factor:.3g} % of the way"
         tensions = [round(tension, 2) for tension in tensions_N]
-        self.activity = f"cable tensions {tensions} N, {way}" if any(tensions) else way
+        self.activity = f"cable tensions {tensions} N, {progress}" if any(tensions) else progress
 
     def bounded(self, options: NewtonOptions) -> NewtonOptions:
         """Return the bounds of the next solution within the remaining iterations.
@@ -127,8 +127,8 @@ class SearchEffort:
         Raises:
             ConvergenceError: no iterations remain.
         """
-        left = self._bound - self.spent if self._within else options.iterations_max
-        if left <= 0:
+        remaining = self._bound - self.spent if self._within else options.iterations_max
+        if remaining <= 0:
             raise ConvergenceError(
                 f"the search for {self._within[0]} reached its bound of {self.iterations_max} Newton "
                 f"iterations{self._left}: ask for less at a time, take a coarser mesh "
@@ -136,17 +136,19 @@ class SearchEffort:
                 self._residual_N,
                 0,
             )
-        return options if left >= options.iterations_max else replace(options, iterations_max=left)
+        return options if remaining >= options.iterations_max else replace(options, iterations_max=remaining)
 
-    def spend(self, found: NewtonResult) -> None:
+    def spend(self, solution: NewtonResult) -> None:
         """Count the iterations of a solution.
 
         Args:
-            found: the solution.
+            solution: by Newton's method.
         """
-        self.spent, self._residual_N = self.spent + found.iterations, found.residual_N
-        self.work += found.iterations + found.failed
-        self._left = "" if found.converged else f", with {found.residual_N:.3g} N out of balance at the last"
+        self.spent, self._residual_N = self.spent + solution.iterations, solution.residual_N
+        self.work += solution.iterations + solution.failed
+        self._left = (
+            "" if solution.converged else f", with {solution.residual_N:.3g} N out of balance at the last"
+        )
         self.watch(0)
 
     def watch(self, under_way: int) -> None:
@@ -159,7 +161,7 @@ class SearchEffort:
         now = time.monotonic()
         if self._within and now >= self._next:
             self._next = now + (now - self._began)
-            place = f"{self.place}: " if self.place else ""
-            tried = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
+            prefix = f"{self.place}: " if self.place else ""
+            goal = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
             count = self.spent + under_way
-            self.report(f"{place}{tried}: {count} of at most {self._bound} Newton iterations so far")
+            self.report(f"{prefix}{goal}: {count} of at most {self._bound} Newton iterations so far")

@@ -1,6 +1,6 @@
 """Sensitivity of an equilibrium's tip to cable tensions and gravity, by the implicit function theorem.
 
-At equilibrium g(x, p) = 0, so K dx/dp = -dg/dp. One factorisation of the tangent K serves all parameters.
+At equilibrium g(x, p) = 0, so K dx/dp = -dg/dp. One factorisation of the tangent K is enough.
 """
 
 from itertools import pairwise
@@ -21,19 +21,21 @@ _NO_SLOTS = np.zeros((0, 0), np.int64)
 _NO_BLOCKS = np.zeros((0, 3, 3))
 
 
-def factorise_at(solver: newton.NewtonSolver, here: Equilibrium, inertia: Inertia | None = None) -> None:
+def factorise_at(
+    solver: newton.NewtonSolver, equilibrium: Equilibrium, inertia: Inertia | None = None
+) -> None:
     """Factorise the tangent at an equilibrium, or with inertia at the end of an implicit step.
 
     Raises:
         ConvergenceError: it is not positive definite: the equilibrium is not stable.
     """
-    # by the solver, which must know that its factorisation has changed
-    state, frame = here.state, here.world_from_flange.rotation
-    if not solver.factorise(state.positions, state.memory, here.loads, inertia, frame):
+    # by the solver, whose stored factorisation changes
+    state, frame = equilibrium.state, equilibrium.world_from_flange.rotation
+    if not solver.factorise(state.positions, state.memory, equilibrium.loads, inertia, frame):
         raise ConvergenceError(
             "the equilibrium is not stable (its tangent stiffness has a negative eigenvalue), so it has "
             "no useful sensitivity; change the pressure or the flange pose",
-            here.residual_N,
+            equilibrium.residual_N,
             0,
         )
 
@@ -81,8 +83,8 @@ class Sensitivity:
                 "cable tensions are looked for while a cable's length is commanded "
                 f"({self._equilibrium.loads.cable_length_m} m); command its tension first"
             )
-        film, here = self._solver.film, self._equilibrium
-        rows = film.losses_at(self._positions, here.loads, here.state.memory)
+        film, equilibrium = self._solver.film, self._equilibrium
+        rows = film.losses_at(self._positions, equilibrium.loads, equilibrium.state.memory)
         routes = film.eyelets.routes.tolist()
         for cable, (first, last) in zip(film.body.cables, pairwise(routes), strict=True):
             gradient, ratio = np.zeros_like(self._positions), rows[first:last, eyelets.RATIO].copy()

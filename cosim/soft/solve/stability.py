@@ -35,10 +35,10 @@ def find_instability(solver: NewtonSolver, state: SoftState, loads: Loads, frame
     """
     if not solver.film.conservative or solver.factorise(state.positions, state.memory, loads, None, frame):
         return None
-    ways = solver.negative_pivots(state.positions, state.memory, loads)
+    negative_pivots = solver.negative_pivots(state.positions, state.memory, loads)
     return (
-        describe_instability(solver, state, loads, lowest_mode(solver, state, loads, frame), ways)
-        if ways
+        describe_instability(solver, state, loads, lowest_mode(solver, state, loads, frame), negative_pivots)
+        if negative_pivots
         else None
     )
 
@@ -57,31 +57,37 @@ def assess_stability(solver: NewtonSolver, state: SoftState, loads: Loads, frame
         frame: (3, 3), rotation of the flange.
     """
     film, x = solver.film, state.positions
-    held = losses_held(solver, loads)
+    are_held = losses_held(solver, loads)
     mass = film.body.node_mass
     weight = mass if (mass > 0.0).all() else None
     lowest = lowest_mode(solver, state, loads, frame, weight, MODES)
     if not lowest.value > 0.0:
         if not film.conservative:  # it may still be stable
-            return StabilityReport(None, math.inf, math.inf, losses_held=held)
-        ways = max(1, solver.negative_pivots(x, state.memory, loads))
+            return StabilityReport(None, math.inf, math.inf, losses_held=are_held)
+        unstable_directions = max(1, solver.negative_pivots(x, state.memory, loads))
         return StabilityReport(
             None,
             math.inf,
             0.0,
-            losses_held=held,
-            unstable=describe_instability(solver, state, loads, lowest, ways),
+            losses_held=are_held,
+            unstable=describe_instability(solver, state, loads, lowest, unstable_directions),
         )
     growth = _Growth(solver, state, loads)
     force = growth.force
     disturbance = DISTURBED * np.linalg.norm(force, axis=1)[:, None, None] * np.eye(3)
-    answers = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
-    moved = tip_displacement(film.body.tip, answers)
+    responses = solver.linear.solve_all(np.ascontiguousarray(disturbance.swapaxes(0, 1))).swapaxes(0, 1)
+    disturbed_tip_m = tip_displacement(film.body.tip, responses)
     margin, snaps = growth.margin(lowest, solver.linear.solve(force), weight)
     modes = () if weight is None else natural_frequencies(lowest.values)
     losses = () if weight is None else material_losses(film, x, lowest.shapes)
     return StabilityReport(
-        modes[0] if modes else None, moved, margin, snaps, held, frequencies_Hz=modes, losses_per_s=losses
+        modes[0] if modes else None,
+        disturbed_tip_m,
+        margin,
+        snaps,
+        are_held,
+        frequencies_Hz=modes,
+        losses_per_s=losses,
     )
 
 
@@ -99,12 +105,14 @@ def material_losses(film: FilmPotential, positions: Array, shapes: Array) -> tup
     if rates is None:
         return (0.0,) * len(shapes)
     rates.begin(positions, None, 1.0)
-    found = []
+    loss_rates = []
     for shape in shapes:
         step = _RATE_PROBE_m / float(np.abs(shape).max())
-        both = (rates.potential(np.ascontiguousarray(positions + way * step * shape)) for way in (1.0, -1.0))
-        found.append(sum(both) / step**2 / float(mass @ (shape**2).sum(axis=1)))
-    return tuple(found)
+        potentials = (
+            rates.potential(np.ascontiguousarray(positions + sign * step * shape)) for sign in (1.0, -1.0)
+        )
+        loss_rates.append(sum(potentials) / step**2 / float(mass @ (shape**2).sum(axis=1)))
+    return tuple(loss_rates)
 
 
 def natural_frequencies(values: Sequence[float]) -> tuple[float, ...]:
@@ -112,26 +120,26 @@ def natural_frequencies(values: Sequence[float]) -> tuple[float, ...]:
     return tuple(math.sqrt(value) / (2.0 * math.pi) for value in values)
 
 
-def tip_displacement(tip: IntArray, answers: Array) -> float:
+def tip_displacement(tip: IntArray, responses: Array) -> float:
     """Return the largest motion [m] of the tip by a combination of disturbances; of any node without a tip.
 
     Args:
         tip: (k,) nodes.
-        answers: (n, 3, 3) [m], of each node to each of three disturbances.
+        responses: (n, 3, 3) [m], of each node to each of three disturbances.
     """
-    moved = answers[tip].mean(axis=0, keepdims=True) if len(tip) else answers
-    return float(np.linalg.norm(moved, ord=2, axis=(1, 2)).max())
+    tip_responses = responses[tip].mean(axis=0, keepdims=True) if len(tip) else responses
+    return float(np.linalg.norm(tip_responses, ord=2, axis=(1, 2)).max())
 
 
-def is_driven(product: float, size_of_mode: float, size_of_answer: float) -> bool:
+def is_driven(product: float, size_of_mode: float, size_of_response: float) -> bool:
     """Return whether the response of a body to more load is mostly in its lowest mode: it is driven to snap.
 
     Args:
         product: inner product of both, weighted by mass.
         size_of_mode: inner product of the mode with itself.
-        size_of_answer: inner product of the response with itself.
+        size_of_response: inner product of the response with itself.
     """
-    return product**2 > _DRIVEN * size_of_mode * size_of_answer
+    return product**2 > _DRIVEN * size_of_mode * size_of_response
 
 
 def load_margin(stiffness: float, fall: float, *, driven: bool) -> tuple[float, bool]:
@@ -180,38 +188,40 @@ class _Growth:
         self._solver, self._state, self._loads = solver, state, loads
         volumes = solver.film.gas.enclosed_volumes(state.positions[None])[0]
         self._volumes = tuple(volumes.tolist())
-        found = nodal_loads(solver.film, state.positions, state.memory, loads)
-        self.force = np.where(solver.free, found, 0.0)
+        forces = nodal_loads(solver.film, state.positions, state.memory, loads)
+        self.force = np.where(solver.free, forces, 0.0)
 
-    def margin(self, lowest: LowestMode, answer: Array, weight: Array | None) -> tuple[float, bool]:
+    def margin(self, lowest: LowestMode, response: Array, weight: Array | None) -> tuple[float, bool]:
         """Return the relative growth of loads at which the lowest stiffness is zero, and if the body snaps.
 
         Args:
             lowest: eigenvalue and mode.
-            answer: (n, 3) [m], linear response of the body to twice the loads.
+            response: (n, 3) [m], linear response of the body to twice the loads.
             weight: of `lowest_mode`.
         """
-        most = float(np.abs(answer).max())
-        growth = min(_GROWTH, _MOVES_m / most) if most else _GROWTH
+        largest_m = float(np.abs(response).max())
+        growth = min(_GROWTH, _MOVES_m / largest_m) if largest_m else _GROWTH
         # terms of second order in the motion, such as stretch along a straight mode, cancel
-        less, here, more = (self._stiffness(lowest.mode, way, way * answer) for way in (-growth, 0.0, growth))
-        weights = np.ones(len(answer)) if weight is None else weight
-        pushed = is_driven(
+        stiffness_less, stiffness_now, stiffness_more = (
+            self._stiffness(lowest.mode, change, change * response) for change in (-growth, 0.0, growth)
+        )
+        weights = np.ones(len(response)) if weight is None else weight
+        driven = is_driven(
             *(
-                float(weights @ (one * other).sum(axis=1))
-                for one, other in ((lowest.mode, answer), (lowest.mode, lowest.mode), (answer, answer))
+                float(weights @ (a * b).sum(axis=1))
+                for a, b in ((lowest.mode, response), (lowest.mode, lowest.mode), (response, response))
             )
         )
-        return load_margin(here, (less - more) / (2.0 * growth), driven=pushed)
+        return load_margin(stiffness_now, (stiffness_less - stiffness_more) / (2.0 * growth), driven=driven)
 
-    def _stiffness(self, mode: Array, growth: float, moved: Array) -> float:
+    def _stiffness(self, mode: Array, growth: float, displacement: Array) -> float:
         """Return the stiffness along a mode, of a body that has moved under grown loads."""
-        there = [self._gradient(growth, moved + side * _PROBE_m * mode) for side in (1.0, -1.0)]
-        return float((mode * (there[0] - there[1])).sum()) / (2.0 * _PROBE_m)
+        gradients = [self._gradient(growth, displacement + sign * _PROBE_m * mode) for sign in (1.0, -1.0)]
+        return float((mode * (gradients[0] - gradients[1])).sum()) / (2.0 * _PROBE_m)
 
-    def _gradient(self, growth: float, moved: Array | float = 0.0) -> Array:
-        film, x = self._solver.film, np.ascontiguousarray(self._state.positions + moved)
+    def _gradient(self, growth: float, displacement: Array | float = 0.0) -> Array:
+        film, x = self._solver.film, np.ascontiguousarray(self._state.positions + displacement)
         loads = self._loads.grown(growth, self._volumes)
-        kept = film.losses_at(self._state.positions, loads, self._state.memory)
-        film.evaluate(x, loads, kept, self._state.memory, hessian=False)
+        losses = film.losses_at(self._state.positions, loads, self._state.memory)
+        film.evaluate(x, loads, losses, self._state.memory, hessian=False)
         return np.where(self._solver.free, film.gradient, 0.0)

@@ -165,7 +165,7 @@ class StepAccuracy:
     def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
         """Return the bounds of Newton's method up to an ordinary step's tolerance, and below it.
 
-        Below it few new tangents are made: if films buckle, the tangent is shifted and gains little.
+        Below it few new tangents are factorised: if films buckle, the tangent is shifted and gains little.
         """
         coarse = max(self.tolerance_N, options.tolerance_N)
         bounds, fine = replace(options.newton, reuse_max=_REUSE_MAX), self.tolerance_N

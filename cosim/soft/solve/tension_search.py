@@ -29,27 +29,29 @@ class _TensionChange:
     follower: Follower
     tension_max_N: float
 
-    def jacobian(self, here: Equilibrium) -> tuple[TipFrame, Array]:
-        sensitivity = self.follower.sensitivity(here)
+    def jacobian(self, equilibrium: Equilibrium) -> tuple[TipFrame, Array]:
+        sensitivity = self.follower.sensitivity(equilibrium)
         return sensitivity.tip, sensitivity.to_tension()
 
-    def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
-        from scipy.optimize import lsq_linear  # here: it takes long to load
+    def step(self, equilibrium: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+        from scipy.optimize import lsq_linear  # imported here because it takes long to load
 
-        tension = np.array(here.loads.cable_tension_N)
+        tension = np.array(equilibrium.loads.cable_tension_N)
         # a small regularisation decides among equivalent tensions
-        keep = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))
+        regularisation = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))
         lower = np.maximum(-tension, -bound * _LARGEST_CHANGE_N)
         upper = np.minimum(np.maximum(self.tension_max_N - tension, 0.0), bound * _LARGEST_CHANGE_N)
-        problem = np.concatenate([matrix, keep]), np.concatenate([missing, np.zeros(len(tension))])
+        problem = np.concatenate([matrix, regularisation]), np.concatenate([missing, np.zeros(len(tension))])
         return np.asarray(lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x)
 
     def size(self, change: Array) -> float:
         return float(np.abs(change).max(initial=0.0)) / _LARGEST_CHANGE_N
 
-    def moved(self, here: Equilibrium, change: Array) -> tuple[Pose, Loads]:
-        pulled = np.maximum(np.array(here.loads.cable_tension_N) + change, 0.0)
-        return here.world_from_flange, replace(here.loads, cable_tension_N=tuple(pulled.tolist()))
+    def moved(self, equilibrium: Equilibrium, change: Array) -> tuple[Pose, Loads]:
+        pulled = np.maximum(np.array(equilibrium.loads.cable_tension_N) + change, 0.0)
+        return equilibrium.world_from_flange, replace(
+            equilibrium.loads, cable_tension_N=tuple(pulled.tolist())
+        )
 
 
 def find_tensions(
@@ -68,60 +70,62 @@ def find_tensions(
     """
     options = options or TargetOptions()
     search = TipSearch(follower, target, options, _TensionChange(follower, options.tension_max_N))
-    result = search.run(begin)
-    if not result.reason:
-        return result.nearest
+    search_end = search.run(begin)
+    if not search_end.reason:
+        return search_end.nearest
     sweeps: list[TensionSweep] = []
     for line in pull_lines(follower, begin, options.tension_max_N):
         sweeps.append(TensionSweep(follower, begin, line, target))
-        for found in sweeps[-1].crossings(options.position_tolerance_m):
-            solution = search.evaluate(found, result.nearest.iterations)
-            if options.met(solution) and _stable(follower, found):
+        for crossing in sweeps[-1].crossings(options.position_tolerance_m):
+            solution = search.evaluate(crossing, search_end.nearest.iterations)
+            if options.met(solution) and _stable(follower, crossing):
                 return solution
-    again = [search.run(sweep.nearest) for sweep in sweeps]
-    result = min([result, *again], key=lambda each: each.nearest.position_error_m)
-    if not result.reason:
-        return result.nearest
-    raise UnreachableError(_refusal(result, target, sweeps, options.tension_max_N), result.nearest)
+    further_ends = [search.run(sweep.nearest) for sweep in sweeps]
+    search_end = min([search_end, *further_ends], key=lambda end: end.nearest.position_error_m)
+    if not search_end.reason:
+        return search_end.nearest
+    raise UnreachableError(_refusal(search_end, target, sweeps, options.tension_max_N), search_end.nearest)
 
 
-def tension_slope(follower: Follower, here: Equilibrium, target: TipTarget) -> float:
+def tension_slope(follower: Follower, equilibrium: Equilibrium, target: TipTarget) -> float:
     """Return the largest change of a cable's tension per error of the tip, from J+ [N/m].
 
     J+ is the pseudoinverse of d(tip)/d(tensions), for the target's components, without slack cables.
 
     Args:
         follower: of equilibria of the body.
-        here: equilibrium on the target.
+        equilibrium: on the target.
         target: of the tip.
 
     Raises:
         ConvergenceError: the equilibrium is not stable.
     """
-    sensitivity = follower.sensitivity(here)
+    sensitivity = follower.sensitivity(equilibrium)
     rows, _ = target.error(sensitivity.tip)
-    pulled = np.array(here.loads.cable_tension_N) > 0.0
+    pulled = np.array(equilibrium.loads.cable_tension_N) > 0.0
     if not pulled.any():
         return 0.0
-    places = rows[rows[:, :3].any(axis=1)]
-    back = np.linalg.pinv(places @ sensitivity.to_tension()[:, pulled])
-    return float(np.linalg.norm(back, axis=1).max(initial=0.0))
+    position_rows = rows[rows[:, :3].any(axis=1)]
+    tensions_per_error = np.linalg.pinv(position_rows @ sensitivity.to_tension()[:, pulled])
+    return float(np.linalg.norm(tensions_per_error, axis=1).max(initial=0.0))
 
 
-def _stable(follower: Follower, here: Equilibrium) -> bool:
+def _stable(follower: Follower, equilibrium: Equilibrium) -> bool:
     try:
-        follower.sensitivity(here)
+        follower.sensitivity(equilibrium)
     except ConvergenceError:
         return False
     return True
 
 
-def _refusal(result: SearchEnd, target: TipTarget, sweeps: list[TensionSweep], tension_max_N: float) -> str:
-    nearest = result.nearest
+def _refusal(
+    search_end: SearchEnd, target: TipTarget, sweeps: list[TensionSweep], tension_max_N: float
+) -> str:
+    nearest = search_end.nearest
     goal = "the target" if target.height is None else f"a height of {target.height:g} m"
     message = (
         f"no cable tensions of 0 to {tension_max_N:g} N found that bring the tip to {goal}; the nearest is "
-        f"{nearest.off()} off at {tensions_text(nearest.equilibrium)}: {result.reason}"
+        f"{nearest.off()} off at {tensions_text(nearest.equilibrium)}: {search_end.reason}"
     )
     if target.height is None:
         lost = dict.fromkeys(sweep.lost for sweep in sweeps if sweep.lost not in message)

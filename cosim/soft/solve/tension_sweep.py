@@ -47,12 +47,12 @@ class _SweepPoint:
 
     Args:
         fraction: of the line.
-        here: the equilibrium.
+        equilibrium: with these tensions.
         tip: (3,) [m], its tip.
     """
 
     fraction: float
-    here: Equilibrium
+    equilibrium: Equilibrium
     tip: Array
 
 
@@ -64,19 +64,19 @@ def pull_lines(follower: Follower, begin: Equilibrium, tension_max_N: float) -> 
         begin: present equilibrium.
         tension_max_N: largest tension.
     """
-    now = np.array(begin.loads.cable_tension_N)
-    if not len(now):
+    present_N = np.array(begin.loads.cable_tension_N)
+    if not len(present_N):
         return []
-    lines = [PullLine("pulling all cables", now + max(tension_max_N - now.max(), 0.0))]
-    if now.any():
-        lines.append(PullLine("releasing all cables", np.zeros(len(now))))
+    lines = [PullLine("pulling all cables", present_N + max(tension_max_N - present_N.max(), 0.0))]
+    if present_N.any():
+        lines.append(PullLine("releasing all cables", np.zeros(len(present_N))))
     try:
         influence = np.linalg.norm(follower.sensitivity(begin).to_tension()[:3], axis=0)
     except ConvergenceError:
-        influence = np.ones(len(now))
-    for k in np.flatnonzero(influence > _NO_INFLUENCE * influence.max()) if len(now) > 1 else ():
-        end = now.copy()
-        end[k] = max(tension_max_N, now[k])
+        influence = np.ones(len(present_N))
+    for k in np.flatnonzero(influence > _NO_INFLUENCE * influence.max()) if len(present_N) > 1 else ():
+        end = present_N.copy()
+        end[k] = max(tension_max_N, present_N[k])
         lines.append(PullLine(f"pulling cable {k + 1} alone", end))
     return lines
 
@@ -102,7 +102,7 @@ class TensionSweep:
     @property
     def nearest(self) -> Equilibrium:
         """The state whose tip is nearest to the target."""
-        return min(self._points, key=self._missing).here
+        return min(self._points, key=self._missing).equilibrium
 
     @property
     def walked(self) -> bool:
@@ -120,79 +120,85 @@ class TensionSweep:
         for before, after in self._steps():
             if self._target.height is None:
                 continue
-            over = [point.tip[2] - self._target.height for point in (before, after)]
-            if over[0] * over[1] <= 0.0:
-                found = self._between(before, after, 0.5 * tolerance_m)
-                if found is not None:
-                    yield found
+            heights_above = [point.tip[2] - self._target.height for point in (before, after)]
+            if heights_above[0] * heights_above[1] <= 0.0:
+                crossing = self._between(before, after, 0.5 * tolerance_m)
+                if crossing is not None:
+                    yield crossing
 
     def describe(self) -> str:
         """Return the heights that were reached, for a message."""
         low, high = (pick(self._points, key=_height) for pick in (min, max))
-        ends = [tensions_text(point.here) for point in (self._first, self._points[-1])]
+        ends = [tensions_text(point.equilibrium) for point in (self._first, self._points[-1])]
         text = (
             f"{self._line.what} from {ends[0]} to {ends[1]}: from {_height(low):.4f} m at "
-            f"{tensions_text(low.here)} to {_height(high):.4f} m at {tensions_text(high.here)}"
+            f"{tensions_text(low.equilibrium)} to {_height(high):.4f} m at {tensions_text(high.equilibrium)}"
         )
         for before, after in self._jumps:
             heights = f"{_height(before):.4f} to {_height(after):.4f} m"
-            text += f", with a snap from {heights} at {tensions_text(after.here)}"
+            text += f", with a snap from {heights} at {tensions_text(after.equilibrium)}"
         return text + (f", beyond which {self.lost}" if self.lost else "")
 
     def _steps(self) -> Iterator[tuple[_SweepPoint, _SweepPoint]]:
         """Yield pairs of neighbouring states, until the line ends or the equilibrium is lost."""
-        length = np.linalg.norm(self._first.tip - self._first.here.world_from_flange.translation)
-        here, step, spent = self._first, _FIRST_STEP, 0
-        while here.fraction < 1.0:
-            if spent > _LINE_MAX:
-                self.lost = f"this pull was given up after {spent} Newton iterations (bound {_LINE_MAX})"
+        length = np.linalg.norm(self._first.tip - self._first.equilibrium.world_from_flange.translation)
+        point, step, iterations = self._first, _FIRST_STEP, 0
+        while point.fraction < 1.0:
+            if iterations > _LINE_MAX:
+                self.lost = f"this pull was given up after {iterations} Newton iterations (bound {_LINE_MAX})"
                 return
             try:
-                there = self._followed(here, min(1.0, here.fraction + step))
+                next_point = self._followed(point, min(1.0, point.fraction + step))
             except ConvergenceError as error:
                 self.lost = str(error)
                 return
-            spent += there.here.iterations
-            moved = float(np.linalg.norm(there.tip - here.tip))
-            snapped = there.here.branchings or there.here.slides  # a shorter step does not avoid it
-            if moved > _FAR * length and step > _LEAST_STEP and not snapped:
+            iterations += next_point.equilibrium.iterations
+            motion_m = float(np.linalg.norm(next_point.tip - point.tip))
+            snapped = (
+                next_point.equilibrium.branchings or next_point.equilibrium.slides
+            )  # a shorter step does not avoid it
+            if motion_m > _FAR * length and step > _LEAST_STEP and not snapped:
                 step *= 0.5
                 continue
-            self._points.append(there)
-            yield here, there
-            here, step = there, min(_LARGEST_STEP, 2.0 * step) if moved < _LITTLE * length else step
+            self._points.append(next_point)
+            yield point, next_point
+            point, step = next_point, min(_LARGEST_STEP, 2.0 * step) if motion_m < _LITTLE * length else step
 
     def _between(self, before: _SweepPoint, after: _SweepPoint, tolerance_m: float) -> Equilibrium | None:
         """Return the state between two with the target's height; None if the height jumps over it."""
-        from scipy.optimize import brentq  # here: it takes long to load
+        from scipy.optimize import brentq  # imported here because it takes long to load
 
-        sides = {np.sign(self._over(point)): point for point in (after, before)}
+        by_sign = {np.sign(self._over(point)): point for point in (after, before)}
 
         def over(fraction: float) -> float:
             point = before if fraction == before.fraction else self._followed(before, fraction)
             difference = self._over(point)
-            sides[np.sign(difference)] = point
+            by_sign[np.sign(difference)] = point
             return 0.0 if abs(difference) <= tolerance_m else difference
 
         try:
             fraction = brentq(over, before.fraction, after.fraction, xtol=1e-9)
-            found = self._followed(before, fraction)
+            crossing = self._followed(before, fraction)
         except ConvergenceError as error:
             self.lost = str(error)
             return None
-        if abs(self._over(found)) <= 2.0 * tolerance_m:
-            return found.here
-        self._jumps.append((sides[np.sign(self._over(before))], sides[np.sign(self._over(after))]))
+        if abs(self._over(crossing)) <= 2.0 * tolerance_m:
+            return crossing.equilibrium
+        self._jumps.append((by_sign[np.sign(self._over(before))], by_sign[np.sign(self._over(after))]))
         return None
 
     def _followed(self, begin: _SweepPoint, fraction: float) -> _SweepPoint:
-        start = np.array(self._first.here.loads.cable_tension_N)
+        start = np.array(self._first.equilibrium.loads.cable_tension_N)
         tension = tuple(((1.0 - fraction) * start + fraction * self._line.end_N).tolist())
-        loads = replace(begin.here.loads, cable_tension_N=tension)
-        return self._point(fraction, self._follower.follow(begin.here, begin.here.world_from_flange, loads))
+        loads = replace(begin.equilibrium.loads, cable_tension_N=tension)
+        return self._point(
+            fraction, self._follower.follow(begin.equilibrium, begin.equilibrium.world_from_flange, loads)
+        )
 
-    def _point(self, fraction: float, here: Equilibrium) -> _SweepPoint:
-        return _SweepPoint(fraction, here, self._follower.body.tip_position(here.state.positions))
+    def _point(self, fraction: float, equilibrium: Equilibrium) -> _SweepPoint:
+        return _SweepPoint(
+            fraction, equilibrium, self._follower.body.tip_position(equilibrium.state.positions)
+        )
 
     def _over(self, point: _SweepPoint) -> float:
         assert self._target.height is not None
@@ -208,6 +214,6 @@ def _height(point: _SweepPoint) -> float:
     return float(point.tip[2])
 
 
-def tensions_text(here: Equilibrium) -> str:
+def tensions_text(equilibrium: Equilibrium) -> str:
     """Return an equilibrium's cable tensions, for a message."""
-    return f"{np.round(here.loads.cable_tension_N, 2).tolist()} N"
+    return f"{np.round(equilibrium.loads.cable_tension_N, 2).tolist()} N"

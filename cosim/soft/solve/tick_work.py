@@ -42,8 +42,8 @@ class TickWork:
         """
         self.iterations += iterations
         if self._depth and self.iterations > TICK_ITERATIONS_MAX:
-            what = f"{TICK_ITERATIONS_MAX} new tangents (those of films in contact count for more)"
-            raise self._used_up(what, residual_N)
+            bound_text = f"{TICK_ITERATIONS_MAX} new tangents (those of films in contact count for more)"
+            raise self._used_up(bound_text, residual_N)
 
     def divide(self, residual_N: float) -> None:
         """Count a division of a step.
@@ -58,10 +58,11 @@ class TickWork:
         if self._depth and self.divisions > TICK_DIVISIONS_MAX:
             raise self._used_up(f"{TICK_DIVISIONS_MAX} divisions of its steps", residual_N)
 
-    def _used_up(self, what: str, residual_N: float) -> TickWorkError:
+    def _used_up(self, bound_text: str, residual_N: float) -> TickWorkError:
         return TickWorkError(
-            f"the soft step reached the bound of a tick, {what}, with {residual_N:.3g} N out of balance: the "
-            "motion or the loads change too fast for it. Spread the command over more time (a ramp, not a "
+            f"the soft step reached the bound of a tick, {bound_text}, with {residual_N:.3g} N out of "
+            "balance: the motion or the loads change too fast for it. Spread the command over more time (a "
+            "ramp, not a "
             "jump), take a shorter tick (clock.tick_s; the timestep of an attached model), or raise "
             "solver.damping_per_s",
             residual_N,

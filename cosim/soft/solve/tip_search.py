@@ -42,7 +42,7 @@ class Follower(Protocol):
     def follow(self, begin: Equilibrium, world_from_flange: Pose, loads: Loads) -> Equilibrium:
         """Follow an equilibrium to another flange pose and other loads."""
 
-    def sensitivity(self, here: Equilibrium) -> TipSensitivity:
+    def sensitivity(self, equilibrium: Equilibrium) -> TipSensitivity:
         """Return the sensitivity of the tip at an equilibrium.
 
         Raises:
@@ -62,20 +62,20 @@ _Linear: TypeAlias = tuple[Array, Array]
 class Unknowns(Protocol):
     """Unknowns that are changed to bring the tip to its target."""
 
-    def jacobian(self, here: Equilibrium) -> tuple[TipFrame, Array]:
+    def jacobian(self, equilibrium: Equilibrium) -> tuple[TipFrame, Array]:
         """Return the tip and d(tip motion)/d(unknowns) (6, k).
 
         Raises:
             ConvergenceError: the equilibrium is not stable.
         """
 
-    def step(self, here: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
+    def step(self, equilibrium: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
         """Return the change (k,) of at most size `bound` that minimises |matrix change - missing|."""
 
     def size(self, change: Array) -> float:
         """Return the size of a change (k,), relative to the largest allowed in one step."""
 
-    def moved(self, here: Equilibrium, change: Array) -> tuple[Pose, Loads]:
+    def moved(self, equilibrium: Equilibrium, change: Array) -> tuple[Pose, Loads]:
         """Return pose and loads after a change (k,)."""
 
 
@@ -115,52 +115,52 @@ class TipSearch:
 
         If cables have a memory of sliding, every trial is followed from `begin`, as a run would reach it.
         """
-        here, rounds, bound = self.evaluate(begin, 0), 1, 1.0
+        current, rounds, bound = self.evaluate(begin, 0), 1, 1.0
         slides = any(cable.remembers for cable in self._follower.body.cables)
-        if self._options.met(here):
-            return SearchEnd(here, "")
+        if self._options.met(current):
+            return SearchEnd(current, "")
         try:
             matrix, missing = self._linear(begin)
         except ConvergenceError as error:
-            return SearchEnd(here, str(error))
-        reason = left = ""
+            return SearchEnd(current, str(error))
+        reason = range_note = ""
         while True:
-            change = self._unknowns.step(here.equilibrium, matrix, missing, bound)
+            change = self._unknowns.step(current.equilibrium, matrix, missing, bound)
             distance = float(np.linalg.norm(missing))
             predicted = distance - float(np.linalg.norm(missing - matrix @ change))
             if not predicted > _LEAST_GAIN * distance:
-                return SearchEnd(here, reason or "no small change brings it nearer")
+                return SearchEnd(current, reason or "no small change brings it nearer")
             try:
-                moved = self._unknowns.moved(here.equilibrium, change)
-                from_here = begin if slides else here.equilibrium
-                there = self.evaluate(self._follower.follow(from_here, *moved), rounds)
-                if self._options.met(there):
-                    return SearchEnd(there, "")
-                gain = (distance - self._distance(there)) / predicted
+                pose_and_loads = self._unknowns.moved(current.equilibrium, change)
+                start = begin if slides else current.equilibrium
+                trial = self.evaluate(self._follower.follow(start, *pose_and_loads), rounds)
+                if self._options.met(trial):
+                    return SearchEnd(trial, "")
+                gain = (distance - self._distance(trial)) / predicted
                 if gain >= _ACCEPTED and rounds < self._options.iterations_max:
-                    matrix, missing = self._linear(there.equilibrium)
+                    matrix, missing = self._linear(trial.equilibrium)
             except ConvergenceError as error:
                 reason, gain = f"beyond it {error}", -np.inf
                 if isinstance(error, OutOfRangeError):
-                    left = f"; on the way {error.place}; fidelity = 'lumped' has no such end"
+                    range_note = f"; on the way {error.place}; fidelity = 'lumped' has no such end"
             if gain < _ACCEPTED:
                 bound = _CUT * min(bound, self._unknowns.size(change))
                 continue
             if rounds == self._options.iterations_max:
-                return SearchEnd(there, f"the limit of {rounds} iterations was reached{left}")
-            here, rounds, reason = there, rounds + 1, ""
+                return SearchEnd(trial, f"the limit of {rounds} iterations was reached{range_note}")
+            current, rounds, reason = trial, rounds + 1, ""
             bound = min(1.0, 2.0 * bound) if gain > _WELL_PREDICTED else bound
 
-    def evaluate(self, here: Equilibrium, rounds: int) -> TargetSolution:
+    def evaluate(self, equilibrium: Equilibrium, rounds: int) -> TargetSolution:
         """Return an equilibrium with the errors of its tip, after some rounds of a search."""
-        tip = TipFrame.of(self._follower.body, here.state.positions)
-        return TargetSolution(here, *self._target.distance(tip), rounds)
+        tip = TipFrame.of(self._follower.body, equilibrium.state.positions)
+        return TargetSolution(equilibrium, *self._target.distance(tip), rounds)
 
-    def _distance(self, found: TargetSolution) -> float:
-        return float(np.hypot(found.position_error_m, self._options.lever_m * found.angle_error_rad))
+    def _distance(self, solution: TargetSolution) -> float:
+        return float(np.hypot(solution.position_error_m, self._options.lever_m * solution.angle_error_rad))
 
-    def _linear(self, here: Equilibrium) -> _Linear:
-        tip, jacobian = self._unknowns.jacobian(here)
+    def _linear(self, equilibrium: Equilibrium) -> _Linear:
+        tip, jacobian = self._unknowns.jacobian(equilibrium)
         rows, missing = self._target.error(tip)
         weight = np.where(rows[:, :3].any(axis=1), 1.0, self._options.lever_m)
         return weight[:, None] * (rows @ jacobian), weight * missing

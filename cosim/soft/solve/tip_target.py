@@ -28,7 +28,7 @@ class TipTarget:
     height: float | None = None
 
     def error(self, tip: TipFrame) -> tuple[Array, Array]:
-        """Return (rows, error): rows (m, 6) select from the tip's motion, error (m,) is what remains."""
+        """Return (rows, error): rows (m, 6) select from the tip's motion, error (m,) is the remaining one."""
         rows, errors = [], []
         if self.position is not None:
             rows.append(np.eye(6)[:3])
@@ -40,11 +40,11 @@ class TipTarget:
             rows.append(np.eye(6)[3:])
             errors.append(vector_from_rotation(self.rotation @ tip.rotation.T))
         elif self.direction is not None:
-            wanted = self.direction / np.linalg.norm(self.direction)
+            target_direction = self.direction / np.linalg.norm(self.direction)
             # rotation about the direction does not count
-            across = tip.rotation[:, :2].T
-            rows.append(np.concatenate([np.zeros((2, 3)), across], axis=1))
-            errors.append(across @ shortest_turn(tip.direction, wanted))
+            cross_axes = tip.rotation[:, :2].T
+            rows.append(np.concatenate([np.zeros((2, 3)), cross_axes], axis=1))
+            errors.append(cross_axes @ shortest_turn(tip.direction, target_direction))
         return np.concatenate(rows), np.concatenate(errors)
 
     def distance(self, tip: TipFrame) -> tuple[float, float]:
@@ -95,11 +95,11 @@ class TargetOptions:
     lever_m: float = 0.5
     tension_max_N: float = 100.0
 
-    def met(self, found: "TargetSolution") -> bool:
+    def met(self, solution: "TargetSolution") -> bool:
         """Return whether a solution is within the tolerances."""
         return (
-            found.position_error_m <= self.position_tolerance_m
-            and found.angle_error_rad <= self.angle_tolerance_rad
+            solution.position_error_m <= self.position_tolerance_m
+            and solution.angle_error_rad <= self.angle_tolerance_rad
         )
 
 
