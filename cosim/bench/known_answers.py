@@ -235,12 +235,11 @@ def tube(radius_m: float, length_m: float, sides: int, rows: int) -> tuple[Array
     return positions, triangles.reshape(-1, 3).astype(np.int64)
 
 
-def closed_tube(radius_m: float, length_m: float, mesh: tuple[int, int], film: Film) -> Specimen:
+def closed_tube(radius_m: float, length_m: float, sides: int, rows: int, film: Film) -> Specimen:
     """Return a tube of so many sides and rows, closed by caps; its tip is the last ring.
 
     Ring 0 stays in its plane, three more components stop rigid motion.
     """
-    sides, rows = mesh
     positions, triangles = tube(radius_m, length_m, sides, rows)
     tip = rows * sides + np.arange(sides)
     body = SoftBody.from_arrays(
@@ -376,7 +375,7 @@ def inflated(film: Film, tensions: Callable[[Array], Array], pressure_Pa: float)
         pressure_Pa: of the gas.
     """
     radius, length, sides = 0.04, 0.08, 48
-    specimen, a = closed_tube(radius, length, (sides, 12), film), radius * math.cos(math.pi / sides)
+    specimen, a = closed_tube(radius, length, sides, 12, film), radius * math.cos(math.pi / sides)
 
     def unbalanced(stretch: Array) -> Array:
         n, (lz, lt) = tensions(stretch), stretch
@@ -436,7 +435,7 @@ def sealed_piston() -> list[Figure]:
     1e-7 of the gas's.
     """
     radius, height, sides, mass, p = 0.05, 0.2, 12, 2.0, STANDARD_ATMOSPHERE_Pa
-    body = closed_tube(radius, height, (sides, 1), Film(10.0, 0.3, 1e-4)).body
+    body = closed_tube(radius, height, sides, 1, Film(10.0, 0.3, 1e-4)).body
     held = np.ones(body.positions.shape, dtype=bool)
     held[body.tip, 2] = False
     specimen = Specimen(body, held, NewtonOptions(tolerance_N=1e-6, iterations_max=200))

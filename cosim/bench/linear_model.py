@@ -254,18 +254,28 @@ def _about(simulation: Simulation, motions: int) -> LinearModel:
     carrier = run.carrier
     rigid, jacobian = carrier.linear_rigid_step(), carrier.flange_jacobian()
     chambers = [chamber.name for chamber in soft.body.gas_chambers]
-    return _joined(scenario, (soft_step, _load_names(scenario, soft_step, chambers)), (rigid, jacobian))
+    load_names = _load_names(scenario, soft_step, chambers)
+    return _joined(scenario, soft_step, load_names, rigid, jacobian)
 
 
-def _joined(scenario: Scenario, half: tuple[LinearStep, list[str]], arm: tuple[Array, Array]) -> LinearModel:
-    """Return the tick of both sides: the rigid step first, the soft one with the flange's new pose."""
-    (rigid, jacobian), (soft, loaded) = arm, half
+def _joined(
+    scenario: Scenario, soft: LinearStep, load_names: list[str], rigid: Array, jacobian: Array
+) -> LinearModel:
+    """Return the tick of both sides: the rigid step first, the soft one with the flange's new pose.
+
+    Args:
+        scenario: of the run.
+        soft: the soft step.
+        load_names: of its loads.
+        rigid: the arm's next state by its state, wrench, references and their rates.
+        jacobian: (6, joints), of the flange.
+    """
     tick_s, joints = scenario.clock.tick_s, jacobian.shape[1]
     sizes = (joints, joints, len(rigid) - 2 * joints, joints, FIGURES, soft.states)
     ends = np.cumsum((0, *sizes))
     names = (*_ARM, "joint_reference", "wrench", "shape")
     rates = _rates(jacobian)
-    inputs = [*loaded, *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
+    inputs = [*load_names, *(f"flange_twist.{axis}" for axis in _TWIST[: rates.shape[1]])]
     count, loads = int(ends[-1]), len(soft.loads)
     columns = np.eye(count + len(inputs))
     part = dict(zip(names, np.split(columns[:count], ends[1:-1]), strict=True))

@@ -8,7 +8,7 @@ begins, is not treated.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -25,6 +25,22 @@ from cosim.soft.solve.clamp import Clamp, fill_flange_velocity, flange_axes
 from cosim.soft.solve.parameter_derivatives import EquilibriumDerivatives, ParameterChange, PerturbedModel
 from cosim.soft.solve.state import Equilibrium, SoftState
 from cosim.soft.solve.step_scheme import StepOptions, inertia_weight
+
+
+class _StateSlope(NamedTuple):
+    """Derivative of a film's state by a parameter, per unit of it.
+
+    Args:
+        positions: (n, 3) [m].
+        velocities: (n, 3) [m/s].
+        earlier_positions: (n, 3) [m], one step before.
+        earlier_velocities: (n, 3) [m/s], one step before.
+    """
+
+    positions: Array
+    velocities: Array
+    earlier_positions: Array
+    earlier_velocities: Array
 
 
 @final
@@ -56,7 +72,7 @@ class RunSlopes:
         moved = self._moved(start)
         self._found = list(zip(moved, shape.by(moved), strict=True))
         self._shape, still = shape, np.zeros_like(start.soft.positions)
-        self._states = [(slope.motion, still, still, still) for _, slope in self._found]
+        self._states = [_StateSlope(slope.motion, still, still, still) for _, slope in self._found]
 
     def _newton(self, clamp: Clamp) -> newton.NewtonSolver:
         return newton.NewtonSolver(self._model.film, clamp.mask(self._model.film.body.nodes))
@@ -85,14 +101,14 @@ class RunSlopes:
             )
         if not after.clamp.holds_as(self._clamp):
             self._solver, self._clamp = self._newton(after.clamp), after.clamp
-        own = self._inertia((-1, 0), self._own_side(after), before, after, step_s)
+        own = self._inertia(-1, 0, self._own_side(after), before, after, step_s)
         self._shape = EquilibriumDerivatives(self._solver, after.clamp, _at(after), kinks=True, inertia=own)
         coefficients = self._options.coefficients(step_s, first=before.earlier is None)
         moved = self._moved(after)
         for k, each in enumerate(moved):
             begins = [_moved(before, self._states[k], side.offset) for side in each.sides]
             sides = tuple(
-                side._replace(inertia=self._inertia((k, j), side, begin, after, step_s))
+                side._replace(inertia=self._inertia(k, j, side, begin, after, step_s))
                 for j, (side, begin) in enumerate(zip(each.sides, begins, strict=True))
             )
             moved[k] = each._replace(sides=sides)
@@ -100,7 +116,8 @@ class RunSlopes:
         self._here, self._states = after, []
         for (x, v, earlier_x, _), (_, slope) in zip(states, self._found, strict=True):
             base = (4.0 * x - earlier_x) / 3.0 if coefficients.two_steps else x
-            self._states.append((slope.motion, (slope.motion - base) / coefficients.span, x, v))
+            rate = (slope.motion - base) / coefficients.span
+            self._states.append(_StateSlope(slope.motion, rate, x, v))
 
     def read(self, outputs: Sequence[Output]) -> tuple[Array, Array]:
         """Return outputs (m,), and their Jacobian (m, parameters), at the end of the last tick."""
@@ -116,7 +133,8 @@ class RunSlopes:
 
     def _inertia(
         self,
-        place: tuple[int, int],
+        parameter: int,
+        side_index: int,
         side: PerturbedModel,
         before: SoftState,
         after: FilmRobotState,
@@ -125,13 +143,14 @@ class RunSlopes:
         """Return inertia and losses of a tick, for one side of a difference quotient.
 
         Args:
-            place: indices of the parameter and of the side.
+            parameter: index of the parameter; -1 for the unchanged model.
+            side_index: index of the side.
             side: of the difference quotient.
             before: state at the beginning of the tick, on that side.
             after: state at the end of the tick.
             step_s: h [s].
         """
-        options, film = self._options_of(place[0], side.offset), side.film
+        options, film = self._options_of(parameter, side.offset), side.film
         coefficients = options.coefficients(step_s, first=before.earlier is None)
         x, v = before.positions, before.velocities
         earlier_x, earlier_v = before.earlier or (x, v)
@@ -141,12 +160,12 @@ class RunSlopes:
                 side.clamp.held, flange_axes(after.flange), x, earlier_x, coefficients, along
             )
         step_prediction.fill_inertia_target(x, v, earlier_x, earlier_v, along, coefficients, base, target)
-        if place not in self._rates:
-            self._rates[place] = StrainRates.of(film.body)
-        rates = self._rates[place]
+        if (parameter, side_index) not in self._rates:
+            self._rates[parameter, side_index] = StrainRates.of(film.body)
+        rates = self._rates[parameter, side_index]
         if rates is not None:
-            share = film.losses_at(x, side.loads, before.memory)
-            film.evaluate(x, side.loads, share, before.memory, hessian=False)
+            losses = film.losses_at(x, side.loads, before.memory)
+            film.evaluate(x, side.loads, losses, before.memory, hessian=False)
             rates.fill(
                 x, earlier_x if coefficients.two_steps else None, film.memory.copy(), coefficients.span
             )
@@ -163,11 +182,12 @@ def _at(here: FilmRobotState) -> Equilibrium:
     return Equilibrium(here.soft, here.flange, here.loads, Wrench(), here.residual_N, 0, 0.0, 0)
 
 
-def _moved(state: SoftState, slopes: tuple[Array, Array, Array, Array], offset: float) -> SoftState:
-    """Return a state moved along its derivatives: positions, velocities, and both one step before."""
-    here, earlier = (state.positions, state.velocities), state.earlier
-    x, v = (np.ascontiguousarray(one + offset * each) for one, each in zip(here, slopes[:2], strict=True))
-    if earlier is None:
+def _moved(state: SoftState, slope: _StateSlope, offset: float) -> SoftState:
+    """Return a state whose parameter is changed by an offset, to first order."""
+    x = np.ascontiguousarray(state.positions + offset * slope.positions)
+    v = np.ascontiguousarray(state.velocities + offset * slope.velocities)
+    if state.earlier is None:
         return replace(state, positions=x, velocities=v)
-    first, second = (one + offset * each for one, each in zip(earlier, slopes[2:], strict=True))
-    return replace(state, positions=x, velocities=v, earlier=(first, second))
+    earlier_x, earlier_v = state.earlier
+    earlier = earlier_x + offset * slope.earlier_positions, earlier_v + offset * slope.earlier_velocities
+    return replace(state, positions=x, velocities=v, earlier=earlier)

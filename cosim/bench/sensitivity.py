@@ -162,8 +162,8 @@ def _at_rest(scenario: Scenario, soft: FilmRobot, here: Equilibrium, asked: Aske
             raise InputError(
                 f"{each.name}: has an effect only in time; set mode = 'dynamic', or leave it out"
             )
-    found = Slopes(wanted, rows, model).at(solver, soft.clamp, here)
-    return _jacobian(wanted, rows, _values(wanted, here.loads, model), found)
+    values, matrix = Slopes(wanted, rows, model).at(solver, soft.clamp, here)
+    return _jacobian(wanted, _values(wanted, here.loads, model), rows, values, matrix)
 
 
 def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
@@ -190,7 +190,7 @@ def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
                 "move it away, or set contact.enabled = false and contact.self_contact = false"
             )
         slopes.tick(soft.full_state, simulation.scenario.clock.tick_s)
-    return _jacobian(wanted, rows, values, slopes.read(rows))
+    return _jacobian(wanted, values, rows, *slopes.read(rows))
 
 
 def _values(wanted: Sequence[AnyParameter], loads: Loads, model: StaticModel) -> Array:
@@ -201,11 +201,17 @@ def _values(wanted: Sequence[AnyParameter], loads: Loads, model: StaticModel) ->
 
 
 def _jacobian(
-    wanted: Sequence[AnyParameter], rows: Sequence[Output], values: Array, found: tuple[Array, Array]
+    parameters: Sequence[AnyParameter],
+    parameter_values: Array,
+    outputs: Sequence[Output],
+    output_values: Array,
+    matrix: Array,
 ) -> Jacobian:
+    """Return the Jacobian with the names and units of its rows and columns."""
     return Jacobian(
-        tuple(row.name for row in rows), tuple(row.unit for row in rows), found[0],
-        tuple(each.name for each in wanted), tuple(each.unit for each in wanted), values, found[1],
+        tuple(output.name for output in outputs), tuple(output.unit for output in outputs), output_values,
+        tuple(each.name for each in parameters), tuple(each.unit for each in parameters), parameter_values,
+        matrix,
     )  # fmt: skip
 
 

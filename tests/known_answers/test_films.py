@@ -253,7 +253,7 @@ def test_an_inflated_tube_bends_as_a_beam() -> None:
     # the inflated dimensions; wrinkles at pi p R^3 / 2 (Stein and Hedgepeth 1961). 3 %: linear theory and St.
     # Venant-Kirchhoff on the drawn shape differ by the strain, p R / E t = 1.3 %
     sides, rows, pressure_Pa, force_N, nu = 48, 96, 10e3, 0.2, FILM.poisson_ratio
-    drawn = closed_tube(0.04, 0.4, (sides, rows), FILM)
+    drawn = closed_tube(0.04, 0.4, sides, rows, FILM)
     body = drawn.body
     begin = drawn.solve(drawn.drawn(), replace(UNLOADED, pressure_Pa=(pressure_Pa,)))
     x = begin.state.positions
@@ -363,7 +363,7 @@ def test_an_inflated_tube_of_fabric_resists_a_twist() -> None:
     radius_m, length_m, sides, rows, pressure_Pa, twist = 0.04, 0.08, 48, 12, 5e3, 2e-4
     fabric = Fabric(0.7e9, 0.1e9, (0.0, 0.0, 1.0), (1.5e9, 0.9e9), (0.004, 0.0008))
     film = Film(0.4e9, 0.2, 2e-4, "tension_field", fabric=fabric)
-    drawn = closed_tube(radius_m, length_m, (sides, rows), film)
+    drawn = closed_tube(radius_m, length_m, sides, rows, film)
     body, tip = drawn.body, drawn.body.tip
     found = drawn.solve(drawn.drawn(), replace(UNLOADED, pressure_Pa=(pressure_Pa,)))
     x = found.state.positions
