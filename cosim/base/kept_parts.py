@@ -64,7 +64,7 @@ class KeptParts:
             part: class of the part, a record that a file can hold.
             make: builds the part.
         """
-        if not self.on_disk or is_nameless(name):
+        if not self.on_disk or name.startswith(_NAMELESS):
             return self.made(kind, name, make)
         # imported here because it takes long to load
         from cosim.base import caches, kernel_cache, state_file
@@ -80,7 +80,7 @@ class KeptParts:
             kind: of the part.
             name: of the part, see `name_of`; it need not be in the cache.
         """
-        self._kinds[kind].pop(name, None)
+        self._kinds.get(kind, {}).pop(name, None)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as an empty cache with the same settings."""
@@ -102,11 +102,6 @@ def name_of(*contents: Any) -> str:
         return content_name(*contents)
     except TypeError:
         return nameless()
-
-
-def is_nameless(name: str) -> bool:
-    """Return whether a name is a random one, see `nameless`."""
-    return name.startswith(_NAMELESS)
 
 
 def nameless() -> str:

@@ -5,16 +5,13 @@ and the origin of the robot's values.
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from cosim.build.paper_model import TAKEN_AWAY, published_robot
 from cosim.config.loading import to_table
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-
-if TYPE_CHECKING:
-    pass
 
 FIGURES: Final = ("extension", "bending", "volume")
 """Figures with a known error."""

@@ -5,7 +5,6 @@ modelled and how.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,9 +36,6 @@ from cosim.stepping.parts import Parts
 from cosim.telemetry.camera_image import CameraInfo
 from cosim.telemetry.energy import EnergyParts
 from cosim.telemetry.run_info import Decay, DrawnFilm, ObjectInfo, RunInfo
-
-if TYPE_CHECKING:
-    pass
 
 
 def stage_of(

@@ -281,7 +281,7 @@ def _asked_name(scenario: Scenario, model: SoftModel) -> str:
 
 def _plan(scenario: Scenario, plan_joints: JointPlanner, model: SoftModel) -> Plan:
     def solved() -> SolvedPhases:
-        return solved_phases(scenario, model.trial())
+        return solved_phases(scenario, model.flexible())
 
     def solve() -> SolvedPhases:
         name = _asked_name(scenario, model)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, final
 from cosim.base import kept_parts
 from cosim.build import options
 from cosim.config.schema.body_sources import BodySourceTable, MeshTable
-from cosim.config.schema.given_body import AnySoftRobot, GivenBodyTable
+from cosim.config.schema.given_body import AnySoftRobot
 from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
@@ -76,10 +76,6 @@ class SoftModel:
         )
         self.name = kept_parts.name_of(self.statics_name, self._dynamics)
 
-    def trial(self) -> soft_robot.SoftRobot:
-        """Return a soft side for the plan: of the run's model; with fidelity "rigid" of the lumped one."""
-        return self._flexible()
-
     @property
     def largest_pressure_Pa(self) -> float | None:
         """Largest pressure [Pa] of the section model; None without one."""
@@ -94,23 +90,13 @@ class SoftModel:
         section = SectionBody(self.body, self.section)
         return beam_robot.BeamRobot(section, self._flange, self._statics, self._dynamics)
 
-    def _flexible(self) -> soft_robot.SoftRobot:
+    def flexible(self) -> soft_robot.SoftRobot:
         """Return a new soft side, of the section model if there is one, else of the film."""
         if self.section is not None:
             return self.chain()
         arm = film_robot.FilmRobot(self.body, self._flange, self._statics, self._dynamics, self._films)
         arm.effort.report = self._tell
         return arm
-
-    @property
-    def finer(self) -> Callable[[int], film_robot.FilmRobot] | str:
-        """The method `refined`; or a text that says why the film cannot be refined."""
-        scenario = self._scenario
-        if scenario.fidelity == "rigid":
-            return "the shape is frozen"
-        if isinstance(scenario.soft_robot, GivenBodyTable):
-            return "the soft robot is given as arrays, which cannot be refined"
-        return self.refined
 
     def refined(self, levels: int) -> film_robot.FilmRobot:
         """Return the film with additional refinements; its solutions have few iterations."""
@@ -123,7 +109,7 @@ class SoftModel:
 
     def side(self) -> soft_robot.SoftRobot:
         """Return the soft side of the run."""
-        flexible = self._flexible()
+        flexible = self.flexible()
         if self._scenario.fidelity == "rigid":
             return frozen_robot.FrozenRobot(flexible, self._scenario.solver.air_drag_per_s)
         return flexible

@@ -194,16 +194,8 @@ def load_file(path: Path) -> Scenario | SoftRobotTable | studies.StudyTable:
     return load_scenario(path) if is_scenario(table) else load_soft_robot(path)
 
 
-def resolve(scenario: Scenario) -> Scenario:
-    """Check the rules of a scenario, and return it with tensions as lists, zeros where the start omits them.
-
-    Raises:
-        ScenarioError: see `cosim.config.rules`.
-    """
-    return _resolved(scenario, Faults())
-
-
 def _resolved(scenario: Scenario, faults: Faults) -> Scenario:
+    """Check the rules of a scenario; return it with tensions as lists, zeros where the start omits them."""
     with faults:
         scenario = scenario if scenario.phases else replace(scenario, phases=(HOLD,))
     with faults:

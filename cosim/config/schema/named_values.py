@@ -4,14 +4,11 @@ a pattern ("gripper/copy_*").
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from cosim.config.toml.keys import listing, matching, unknown_name_message
 from cosim.config.toml.quantities import OneOrByName
 from cosim.errors import ScenarioError
-
-if TYPE_CHECKING:
-    pass
 
 Value = TypeVar("Value")
 

@@ -75,7 +75,6 @@ NonNegativeBendingDamping = Annotated[float, Interval(ge=0.0, le=1e7)]
 # N/m, N s/m, N/m^3
 PositiveStiffness = Annotated[float, Interval(gt=0.0, ge=1e-9, le=1e12)]
 NonNegativeStiffness = Annotated[float, Interval(ge=0.0, le=1e12)]
-PositiveDamping = Annotated[float, Interval(gt=0.0, ge=1e-12, le=1e9)]
 NonNegativeDamping = Annotated[float, Interval(ge=0.0, le=1e9)]
 PositiveContactStiffness = Annotated[float, Interval(gt=0.0, ge=1e-3, le=1e15)]
 Vector3 = tuple[Number, Number, Number]

@@ -7,17 +7,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
-from typing import TYPE_CHECKING, final
+from typing import final
 
 from cosim.config.gas_rules import gas_rules
 from cosim.config.schema.scenario import Scenario
+from cosim.devices.live.live_values import WHO, LiveValues
 from cosim.devices.pump import PumpDrive
 from cosim.errors import InputError
 from cosim.plan.chamber_gas import ChamberGas
-
-if TYPE_CHECKING:
-    pass
-from cosim.devices.live.live_values import WHO, LiveValues
 
 
 @final

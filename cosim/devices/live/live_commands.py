@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import Any, Final, final
 
 import numpy as np
 
@@ -22,10 +22,6 @@ from cosim.devices.live import gas_orders, live_bounds, live_values
 from cosim.devices.live.joint_motion import Departure, JointMotion
 from cosim.devices.measurement import measured
 from cosim.plan import commands
-
-if TYPE_CHECKING:
-    pass
-
 
 _AT_BOUND: Final = 1.0 - 1e-6
 _NONE: Final = np.zeros(0)

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TYPE_CHECKING, Annotated, Final, TypeAlias, final
+from typing import Annotated, Final, TypeAlias, final
 
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_checks import check_command, check_one_order_each, named_values, over
 from cosim.devices.controller import Command
 from cosim.devices.orders import LiveOrders, Order
-
-if TYPE_CHECKING:
-    pass
-
 
 _Values: TypeAlias = tuple[float | None, ...]
 WHO: Final = "step"
