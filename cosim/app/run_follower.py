@@ -14,6 +14,7 @@ from cosim.app.checkpoint import CheckpointKeeper, Origin
 from cosim.app.run_files import RECORDING, RunFiles
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import RecordingTable
+from cosim.errors import SolverError
 from cosim.recording.recorder import Recorder, Recorders, RecordingPart
 from cosim.telemetry.phase_ends import PhaseEnds
 from cosim.telemetry.run_errors import RunErrors
@@ -165,7 +166,15 @@ class RunFollower:
         ends = self._summary.state.ends
         if self._files is not None and ends.ends and not self._options.several:
             self._files.write_ends(ends)
-        errors = self._error_bars(ends, ending)
+        errors: RunErrors | None = RunErrors(reason="they could not be computed")
+        try:
+            errors = self._error_bars(ends, ending)
+        finally:
+            figures = self._complete_files(ending, wall_s, errors)
+        return RunOutcome(figures, ending.error, ends)
+
+    def _complete_files(self, ending: Termination, wall_s: float, errors: RunErrors | None) -> dict[str, Any]:
+        """End the recording, write the summary, and return its figures."""
         figures = self._summary.finish(ending.status, ending.reason, wall_s, errors)
         try:
             if errors is not None and errors.phases:
@@ -174,7 +183,7 @@ class RunFollower:
         finally:
             if self._files is not None:
                 self._files.finish(figures)
-        return RunOutcome(figures, ending.error, ends)
+        return figures
 
     def _error_bars(self, ends: PhaseEnds, ending: Termination) -> RunErrors | None:
         """Return the error bars, or why there are none; None if none are wanted."""
@@ -189,6 +198,8 @@ class RunFollower:
             return options.find_bars(self._scenario, ends)
         except KeyboardInterrupt:
             return RunErrors(reason="it was interrupted")
+        except SolverError as error:  # the run itself is completed
+            return RunErrors(reason=f"they could not be computed: {error}")
 
 
 def _begin_files(

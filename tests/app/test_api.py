@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.app import preparation
-from cosim.errors import ConvergenceError
+from cosim.app import api, preparation
+from cosim.errors import ConvergenceError, InstabilityError
 
 REFERENCE = "ur5e_hexagon_arm"
 TICKS = 25
@@ -89,6 +90,24 @@ def test_run_raises_what_ended_it_and_keeps_files_and_arrays(
     assert written["status"] == ("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
     assert written["ticks"] == 3
     assert written == result.summary
+
+
+@pytest.mark.parametrize("error", [InstabilityError("not finite"), ZeroDivisionError("of the bars")], ids=str)
+def test_files_are_completed_though_error_bars_fail(
+    error: Exception, made_up_build: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def find(_scenario: object, _ends: object) -> None:
+        raise error
+
+    monkeypatch.setattr(preparation, "build_simulation", made_up_build(lambda _tick: None))
+    monkeypatch.setattr(api, "bars_finder", lambda *_: find)
+    unexpected = not isinstance(error, InstabilityError)
+    with pytest.raises(ZeroDivisionError) if unexpected else nullcontext():
+        cosim.run(REFERENCE, out=tmp_path / "a", error=True)
+    written = json.loads((tmp_path / "a" / "summary.json").read_text(encoding="utf-8"))
+    assert written["status"] == "completed"
+    reason = "they could not be computed"
+    assert written["error"]["reason"] == (reason if unexpected else f"{reason}: not finite")
 
 
 def test_a_run_that_fails_at_its_start_has_no_rows(
