@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import final
 
 from cosim.app.run_files import ARRAYS, FRAMES, images_file
-from cosim.errors import OutputError
+from cosim.errors import InputError, OutputError
 from cosim.recording.recorder import Recorder, RecordingPart
 from cosim.results.array_files import write_arrays, write_images
 from cosim.results.result_builder import ResultBuilder
@@ -40,7 +40,7 @@ class ArrayRecorder(Recorder):
 
     def flush(self) -> None:
         """Write the ticks gathered since the last time; if that fails, they are written later."""
-        with suppress(OutputError):
+        with suppress(OutputError, InputError):  # InputError: the directory's list of files is full as well
             self._write()
 
     def close(self, summary_markdown: str, status: str) -> None:
@@ -52,12 +52,19 @@ class ArrayRecorder(Recorder):
         self._write()
 
     def _write(self) -> None:
-        arrays = self._gathered.arrays()
-        if self._stage is not None and (len(arrays["tick"]) or not self._written):
-            write_arrays(
-                self._next_part(ARRAYS), self._next_part(FRAMES), self._stage, self._frames_per_s, arrays
-            )
-            for camera, images in self._gathered.images().items():
-                write_images(self._next_part(images_file(camera)), camera, images)
-            self._gathered.forget()
-            self._written = True
+        """Write all files of a part, or none: ticks in a file of a part that failed would be there twice."""
+        arrays, images = self._gathered.arrays(), self._gathered.images()
+        if self._stage is None or (self._written and not len(arrays["tick"])):
+            return
+        paths = {name: self._next_part(name) for name in (ARRAYS, FRAMES, *map(images_file, images))}
+        try:
+            write_arrays(paths[ARRAYS], paths[FRAMES], self._stage, self._frames_per_s, arrays)
+            for camera, taken in images.items():
+                write_images(paths[images_file(camera)], camera, taken)
+        except OutputError:
+            for path in paths.values():
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
+            raise
+        self._gathered.forget()
+        self._written = True

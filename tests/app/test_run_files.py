@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,9 @@ from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.output_directory import MARKER, OutputDirectory
 from cosim.app.run_files import ARRAYS, FRAMES, SUMMARY, RunFiles, default_directory, recordings
 from cosim.config.loading import load_scenario
+from cosim.errors import OutputError
 from cosim.recording.recorder import RecordingPart
+from cosim.results import array_files
 from cosim.telemetry.tick_batch import TickBatch
 from tests.conftest import made_up_snapshot, made_up_stage
 
@@ -74,3 +77,28 @@ def test_arrays_are_written_where_there_are_new_ones_and_at_least_once(ticks: in
         recorder.flush()
     recorder.close("", "completed")
     assert written == [ARRAYS, FRAMES]
+
+
+def test_no_tick_is_in_two_parts_after_a_disk_was_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = RunFiles(tmp_path)
+    recorder = ArrayRecorder(files.next_part, 100.0, RecordingPart("run"))
+    recorder.open(made_up_stage(load_scenario("ur5e_hexagon_arm")))
+    recorder.record(TickBatch.of([made_up_snapshot(tick, 0.002) for tick in range(3)]))
+    write = array_files.write_columns
+
+    def full(path: Path, *further: Any) -> None:
+        if path.name.startswith("arrays"):
+            raise OutputError(f"{path}: no space left")
+        write(path, *further)
+
+    with files.out:
+        files.out.make()
+        monkeypatch.setattr(array_files, "write_columns", full)
+        recorder.flush()
+        monkeypatch.undo()
+        recorder.close("", "completed")
+    assert sorted(path.name for path in tmp_path.glob("*.parquet")) == [ARRAYS, FRAMES]
+    for path in (tmp_path / ARRAYS, tmp_path / FRAMES):
+        assert array_files.read_stage(path).ticks
