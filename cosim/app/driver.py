@@ -59,7 +59,7 @@ def execute(
             files.note_loaded(scenario, read)
         if options.resume:
             assert options.directory is not None, "a run is resumed in its directory"
-            earlier = read_checkpoint(options.directory, simulation, simulation.stage)
+            earlier = read_checkpoint(options.directory, simulation)
         first, batches = _with_first(simulation.batches())
         for watcher in options.watchers:
             watcher.open(simulation.stage)

@@ -285,6 +285,4 @@ def _check_wrench(by_payload: Array, by_wrench: Array, by_parts: Array, figures:
 def _parameters(figures: Array) -> Array:
     from cosim.kinematics.inertial_parameters import inertial_parameters
 
-    mass, x, y, z, xx, yy, zz, xy, xz, yz = figures.tolist()
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return inertial_parameters(mass, np.array([x, y, z]), inertia)
+    return inertial_parameters(*_split(figures.tolist()))

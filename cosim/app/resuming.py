@@ -16,7 +16,6 @@ from cosim.base.identity import code_identity
 from cosim.base.state_checks import check_state
 from cosim.config.schema.scenario import Scenario
 from cosim.errors import InputError
-from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import SummaryBuilder
 
 if TYPE_CHECKING:
@@ -70,18 +69,17 @@ def tick_to_resume(directory: Path, scenario: Scenario) -> int:
     return tick
 
 
-def read_checkpoint(directory: Path, simulation: SteppedRun, stage: RunInfo) -> Checkpoint:
+def read_checkpoint(directory: Path, simulation: SteppedRun) -> Checkpoint:
     """Restore a simulation from the checkpoint of a run, and return the checkpoint.
 
     Args:
         directory: of the run.
         simulation: to restore.
-        stage: of the simulation.
 
     Raises:
         InputError: the checkpoint cannot be read, or does not fit the simulation.
     """
-    path = directory / CHECKPOINT
+    path, stage = directory / CHECKPOINT, simulation.stage
     checkpoint = state_file.load(path)
     if not isinstance(checkpoint, Checkpoint):
         raise InputError(f"{path}: holds a {type(checkpoint).__name__}, not a checkpoint")

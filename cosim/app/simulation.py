@@ -183,8 +183,12 @@ class Simulation:
             KeyboardInterrupt: of the user; the simulation is in the state before all these ticks.
         """
         command, ticks = checked_step(command, ticks, WHO)
-        if not (command is not None) <= ticks <= self.ticks_left:
-            raise InputError(f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left")
+        least = int(command is not None)
+        if not least <= ticks <= self.ticks_left:
+            raise InputError(
+                f"{ticks} ticks were asked for; the scenario has {self.ticks_left} left"
+                + (f"; give {least} at least" if ticks < least else "")
+            )
         if not ticks:
             return self._snapshot
         before = self._run.save_state()
