@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Literal, final
 
 from annotated_types import Interval, Len
 
+from cosim.base.files import read_text
 from cosim.base.resources import is_file, list_scenarios
 from cosim.config.studies import flat
 from cosim.config.toml import parsing, reading
@@ -216,17 +217,25 @@ def _column(
 
 
 def _columns(file: Path, key: str) -> dict[str, tuple[float, ...]]:
+    """Return the columns of a CSV file by name; lines that begin with # are skipped.
+
+    Raises:
+        ScenarioError: it cannot be read, a name is there twice, or a row lacks numbers.
+    """
     try:
-        lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+        lines = [line for line in read_text(file).splitlines() if line.strip() and line[0] != "#"]
     except OSError as error:
         raise ScenarioError(key, f"{file.name!r} cannot be read: {error.strerror}") from error
-    rows = [[cell.strip() for cell in row] for row in csv.reader(line for line in lines if line[0] != "#")]
+    try:
+        rows = [[cell.strip() for cell in row] for row in csv.reader(lines)]
+        table = [[float(cell) for cell in row] for row in rows[1:]]
+    except (ValueError, csv.Error) as error:
+        raise ScenarioError(key, f"{file.name}: {error}") from error
     if not rows:
         raise ScenarioError(key, f"{file.name} is empty; its first line names the columns")
-    try:
-        table = [[float(cell) for cell in row] for row in rows[1:]]
-    except ValueError as error:
-        raise ScenarioError(key, f"{file.name}: {error}") from error
+    twice = [name for name in rows[0] if rows[0].count(name) > 1]
+    if twice:
+        raise ScenarioError(key, f"{file.name} has the column {twice[0]!r} twice; rename one")
     wrong = [
         k for k, row in enumerate(table, 2) if len(row) != len(rows[0]) or not all(map(math.isfinite, row))
     ]

@@ -72,7 +72,10 @@ def read_tip_path(file: Path, key: str) -> tuple[list[list[float]], list[list[fl
     lines = [
         (k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"
     ]
-    rows = [(k, [cell.strip() for cell in next(csv.reader([line]))]) for k, line in lines]
+    try:
+        rows = [(k, [cell.strip() for cell in next(csv.reader([line]))]) for k, line in lines]
+    except csv.Error as error:
+        raise ScenarioError(key, f"{file.name}: {error}") from error
     header = rows[0][1] if rows else []
     known = (*_POINT, *_DIRECTION)
     wrong = [name for name in header if name not in known or header.count(name) > 1]

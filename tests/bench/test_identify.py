@@ -166,6 +166,32 @@ def test_wrong_benches_are_refused_by_their_key(tmp_path: Path, old: str, new: s
         load_bench(tmp_path / "bench.toml")
 
 
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ("pressure_kPa,länge_mm\n3,1\n".encode("latin-1"), "it is not UTF-8 text"),
+        (b"pressure_kPa,length_mm,length_mm\n3,1,1\n6,2,2\n", "has the column 'length_mm' twice; rename one"),
+        (b"pressure_kPa,length_mm\n3," + 140_000 * b"1", "field larger than"),
+        (b"pressure_kPa,length_mm\n3,1\n6,up\n", "could not convert"),
+    ],
+)
+def test_curves_that_cannot_be_read_are_refused_by_their_key(
+    tmp_path: Path, data: bytes, message: str
+) -> None:
+    (tmp_path / "inflated.csv").write_bytes(data)
+    (tmp_path / "pushed.csv").write_text("force_N,tip_mm\n0,0\n1,1\n")
+    (tmp_path / "bench.toml").write_text(BENCH)
+    with pytest.raises(cosim.ScenarioError, match=rf"series\.extension\.file: .*{message}"):
+        load_bench(tmp_path / "bench.toml")
+
+
+def test_curves_of_a_spreadsheet_with_a_byte_order_mark_are_read(tmp_path: Path) -> None:
+    (tmp_path / "inflated.csv").write_bytes(b"\xef\xbb\xbfpressure_kPa,length_mm\r\n3,1\r\n6,2\r\n")
+    (tmp_path / "pushed.csv").write_text("force_N,tip_mm\n0,0\n1,1\n")
+    (tmp_path / "bench.toml").write_text(BENCH)
+    assert load_bench(tmp_path / "bench.toml")[1][0].loads["pressure_Pa"] == (3e3, 6e3)
+
+
 def test_bounds_that_no_robot_can_have_are_named_by_the_values_that_were_tried(tmp_path: Path) -> None:
     key = "soft_robot.stack.corner_radius_m"
     (tmp_path / "pushed.csv").write_text("force_N,tip_mm\n0,0\n0.1,0\n")

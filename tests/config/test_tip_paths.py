@@ -84,6 +84,7 @@ def test_a_wrong_path_is_refused_by_its_key(phase: dict[str, Any], key: str, say
         ("x_m,y_m,z_m\n1,2,3\n1,2,up\n", "line 3: could not convert"),
         ("x_m,y_m,z_m\n1,2,3\n1,2\n", "line 3: '1, 2' must be 3 finite numbers"),
         ("x_m,y_m,z_m\n1,2,nan\n", "must be 3 finite numbers"),
+        ("x_m,y_m,z_m\n1,2," + 140_000 * "3", "way.csv: field larger than"),
         (None, "cannot be read"),
     ],
 )
