@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple, final
 
 from cosim.config.toml.quantities import (
+    UNTURNED,
     Angle,
     Direction,
     Increasing,
@@ -28,8 +29,6 @@ from cosim.config.toml.quantities import (
     Vector3,
 )
 from cosim.config.toml.tables import Table
-
-UNTURNED: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
 class BaseJoint(NamedTuple):

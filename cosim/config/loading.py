@@ -23,7 +23,7 @@ from cosim.config.toml import keys, parsing, reading
 from cosim.config.toml.rules import Faults, check
 from cosim.errors import InputError, ScenarioError
 
-_HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
+HEADER = "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
 _HEADER_GIVEN = (
     "# The scenario as it ran, every value spelled out; its soft body is in no file.\n"
     "# Run it again from Python: cosim.run(<this file>, body=...)\n"
@@ -221,4 +221,4 @@ def to_table(value: Any) -> Any:
 def scenario_text(scenario: Scenario) -> str:
     """Return a resolved scenario as TOML text. Loaded with the same body, it gives an equal scenario."""
     given = isinstance(scenario.soft_robot, GivenBodyTable)
-    return (_HEADER_GIVEN if given else _HEADER) + tomli_w.dumps(to_table(scenario))
+    return (_HEADER_GIVEN if given else HEADER) + tomli_w.dumps(to_table(scenario))

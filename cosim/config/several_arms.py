@@ -13,7 +13,7 @@ from typing import Any, Final, final
 import tomli_w
 
 from cosim.base.resources import scenario_path
-from cosim.config.loading import by_key, loaded_scenario, to_table
+from cosim.config.loading import HEADER, by_key, loaded_scenario, to_table
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml import keys, reading
 from cosim.config.toml.rules import Faults
@@ -26,9 +26,6 @@ OF_AN_ARM: Final = (
 )  # fmt: skip
 """Keys that each arm may give. A key above the arms applies to all; an arm's key overrides it."""
 _NAME: Final = "[A-Za-z][A-Za-z0-9_-]*"
-_HEADER: Final = (
-    "# The scenario as it ran, every value spelled out. Run it again with: cosim run <this file>\n"
-)
 
 
 @final
@@ -54,7 +51,7 @@ class ArmsScenario:
             {"name": name, **{key: table[key] for key in OF_AN_ARM if key in table}}
             for name, table in tables.items()
         ]
-        return _HEADER + tomli_w.dumps({**shared, "name": self.name, "title": self.title, ARMS: arms})
+        return HEADER + tomli_w.dumps({**shared, "name": self.name, "title": self.title, ARMS: arms})
 
 
 def has_arms(source: str | Path) -> bool:

@@ -25,6 +25,7 @@ from cosim.base.frames import Array
 from cosim.base.resources import is_file, list_object_meshes, object_mesh_path, quoted_name
 from cosim.base.triangle_mesh import read_mesh
 from cosim.config.toml.quantities import (
+    UNTURNED,
     Angle,
     Colour,
     Direction,
@@ -53,7 +54,6 @@ from cosim.errors import MeshError
 
 Shape: TypeAlias = Literal["box", "sphere", "cylinder", "capsule", "ellipsoid", "mesh"]
 Size: TypeAlias = Annotated[tuple[PositiveLength, ...], Len(max_length=3)]
-STANDING_STILL: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 GREY: tuple[float, float, float, float] = (0.55, 0.57, 0.60, 1.0)
 SMALLEST_MESH_m: Final = 1e-6
 LARGEST_MESH_m: Final = 100.0
@@ -135,7 +135,7 @@ class SolidTable(_Shaped):
     scale: Positive = 1.0
     convex: bool = True
     position_m: Position = (0.0, 0.0, 0.0)
-    quaternion: Quaternion = STANDING_STILL
+    quaternion: Quaternion = UNTURNED
     relative_density: Positive = 1.0
     rgba: Colour | None = None
     friction: NonNegative | None = None
@@ -232,7 +232,7 @@ class ObjectTable(_Shaped):
     file: str | None = None
     scale: Positive = 1.0
     convex: bool = True
-    quaternion: Quaternion = STANDING_STILL
+    quaternion: Quaternion = UNTURNED
     mass_kg: PositiveMass | None = None
     inertia_kg_m2: tuple[Positive, Positive, Positive] | None = None
     center_of_mass_m: Position | None = None

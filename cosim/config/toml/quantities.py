@@ -121,6 +121,8 @@ def _word(value: Any) -> str:
 
 Direction = Annotated[Vector3, AfterValidator(_with_direction)]
 Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_with_direction)]
+UNTURNED: Final[tuple[float, float, float, float]] = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion (w, x, y, z) of no rotation."""
 Increasing: Final = AfterValidator(_increasing)
 SchemaNumber = Annotated[Literal[2], BeforeValidator(_current)]
 

@@ -71,7 +71,7 @@ def _problem(value: Any, depth: int) -> str | None:
         return f"is a text of {len(value)} characters; at most {LONGEST_TEXT} are read"
     if isinstance(value, str) and not value.isascii() and any("\ud800" <= sign <= "\udfff" for sign in value):
         return f"{shown(value)} must be a text of Unicode's characters"
-    if isinstance(value, list) and len(value) > LONGEST_LIST:
+    if isinstance(value, list | tuple) and len(value) > LONGEST_LIST:
         return f"is a list of {len(value)} entries; at most {LONGEST_LIST} are read"
     if isinstance(value, int) and not -LARGEST_INTEGER <= value <= LARGEST_INTEGER:
         return f"is a whole number of {value.bit_length()} bits; at most 63 and a sign are read"

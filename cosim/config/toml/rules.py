@@ -81,14 +81,14 @@ RuleOn: TypeAlias = tuple[Any, Callable[..., Violations]]
 """The class of tables that a rule is on, and the rule."""
 
 
-def rule(told: Rule) -> Rule:
+def rule(check_rule: Rule) -> Rule:
     """Mark a rule: a method of a table, or a function whose first argument is a table.
 
     If the rule has a second argument, that is the table with a `schema` that contains the first: the
     scenario, or the soft robot. Rules are checked after all values have passed their types and bounds.
     """
-    told.__dict__["is_rule"] = True
-    return told
+    check_rule.__dict__["is_rule"] = True
+    return check_rule
 
 
 def rules_of(module: Mapping[str, Any]) -> tuple[RuleOn, ...]:
