@@ -4,6 +4,7 @@ values.
 """
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, final
 
@@ -170,20 +171,18 @@ class Equilibria:
         solver, loads, row = self._arm.equilibrium_solver, self._acting[number], self.rows[number]
         flange, known = pose_of(self.scenario.start.flange), self._states
         self.solved += 1
-        try:
-            if number not in known:
-                raise ConvergenceError("", 0.0, 0)
-            return solver.solve(known[number].state, flange, loads)
-        except ConvergenceError:
-            follows = number > 0 and self.rows[number - 1].group == row.group
-            before = known.get(number - 1) if follows else None
-            if before is None:
-                drawn = SoftState.drawn(self._arm.body, flange)
-                before = solver.hang(drawn, flange, loads.gravity)
-            lengths = (None,) * len(loads.cable_tension_N) if loads.cable_length_m else ()
-            if not before.loads.cable_length_m and lengths:
-                before = replace(before, loads=replace(before.loads, cable_length_m=lengths))
-            return solver.follow(before, flange, loads)
+        if number in known:
+            with suppress(ConvergenceError):
+                return solver.solve(known[number].state, flange, loads)
+        follows = number > 0 and self.rows[number - 1].group == row.group
+        before = known.get(number - 1) if follows else None
+        if before is None:
+            drawn = SoftState.drawn(self._arm.body, flange)
+            before = solver.hang(drawn, flange, loads.gravity)
+        lengths = (None,) * len(loads.cable_tension_N) if loads.cable_length_m else ()
+        if not before.loads.cable_length_m and lengths:
+            before = replace(before, loads=replace(before.loads, cable_length_m=lengths))
+        return solver.follow(before, flange, loads)
 
     def _free(self, row: LoadRow) -> list[tuple[parameters.LoadParameter, int]]:
         """Return the loads of a row that are parameters, with the indices of the parameters."""

@@ -102,17 +102,32 @@ class Identified:
 
 
 @final
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """The least sum of squares.
+
+    Args:
+        best: variables there.
+        least: the sum.
+        slopes: derivatives of the residuals there, by the variables.
+    """
+
+    best: Array
+    least: float
+    slopes: Array
+
+
+@final
 class Fit:
     """The least-squares problem. Its variables are parameters, or logarithms of those with positive bounds.
 
     Args:
         bench: checked table.
         series: measured curves.
-        curves: of the model; None: they are built.
     """
 
-    def __init__(self, bench: BenchTable, series: Sequence[Series], curves: Curves | None = None) -> None:
-        self.curves = Curves(bench, series) if curves is None else curves
+    def __init__(self, bench: BenchTable, series: Sequence[Series]) -> None:
+        self.curves = Curves(bench, series)
         unknowns = bench.parameter
         self._logs = np.array([entry.low > 0.0 for entry in unknowns])
         self.low, self.high = (
@@ -134,7 +149,6 @@ class Fit:
             for end, side in ((self.low, -1.0), (self.high, 1.0))
         )
         self._last: tuple[Array, Array] | None = None
-        self._inner: Array | None = None  # derivatives at the minimum
 
     @property
     def count(self) -> int:
@@ -229,37 +243,35 @@ class Fit:
         )  # fmt: skip
         return found.x, float((self.residuals(found.x) ** 2).sum())
 
-    def band(self, best: Array, spread: float) -> Array:
+    def band(self, minimum: Minimum, spread: float) -> Array:
         """Return half of the 95 % interval (rows,) of measured values, to first order in the parameters.
 
         Args:
-            best: variables of the least sum of squares.
+            minimum: of the sum of squares.
             spread: variance of the residuals over that of the noise, at least 1.
         """
-        self.predicted(best)
-        inner = self.jacobian(best)
-        rows = np.concatenate([self.scaled(best), self._zeros.T], axis=1)
-        known = np.einsum("ri,ij,rj->r", rows, np.linalg.pinv(inner.T @ inner), rows)
+        rows = np.concatenate([self.scaled(minimum.best), self._zeros.T], axis=1)
+        covariance = np.linalg.pinv(minimum.slopes.T @ minimum.slopes)
+        known = np.einsum("ri,ij,rj->r", rows, covariance, rows)
         return np.asarray(np.sqrt(_CHI2 * spread * (1.0 + known)) * self.noise)
 
-    def interval(self, best: Array, least: float, number: int, spread: float) -> Interval:
+    def interval(self, minimum: Minimum, number: int, spread: float) -> Interval:
         """Return the 95 % interval of a parameter by profile likelihood.
 
         Args:
-            best: variables of the least sum of squares.
-            least: that sum.
+            minimum: of the sum of squares.
             number: index of the parameter.
             spread: variance of the residuals over that of the noise, at least 1.
         """
-        self.predicted(best)
-        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
-        covariance = np.linalg.pinv(inner.T @ inner)
+        best = minimum.best
+        self.predicted(best)  # further equilibria are found from these
+        covariance = np.linalg.pinv(minimum.slopes.T @ minimum.slopes)
         half = np.sqrt(_CHI2 * spread * covariance[number, number])
         lean, ends, at_bound = covariance[:, number] / covariance[number, number], list[float](), False
         for side, bound in ((-1.0, self.low[number]), (1.0, self.high[number])):
 
             def rise(x: float) -> float:
-                return self._rise(best, least, number, (x, lean)) / spread
+                return self._rise(minimum, number, x, lean) / spread
 
             end = _crossing(rise, float(best[number]), side * half, float(bound))
             at_bound = at_bound or end == bound
@@ -273,28 +285,31 @@ class Fit:
         found[number] = value
         return found
 
-    def _rise(self, best: Array, least: float, number: int, at: tuple[float, Array]) -> float:
+    def _rise(self, minimum: Minimum, number: int, x: float, lean: Array) -> float:
         """Return the rise of the least sum of squares with one parameter at another value.
 
         The other variables are found by Gauss-Newton steps with the derivatives at the minimum.
 
-        at: value of the parameter, and initial derivatives of the other variables by it.
+        Args:
+            minimum: of the sum of squares.
+            number: index of the parameter.
+            x: value of the parameter.
+            lean: (variables,), initial derivatives of all variables by it.
         """
-        x, lean = at
-        inner = self._inner = self.jacobian(best) if self._inner is None else self._inner
-        found = np.inf
+        best, found = minimum.best, np.inf
         free = np.arange(len(best)) != number
         point = np.clip(best + (x - best[number]) * lean, self.low, self.high)
         point[number] = x
         for _ in range(_CHORDS):
             left = self.residuals(point)
             before, found = found, min(found, float(left @ left))
-            step = np.linalg.lstsq(inner[:, free], -left, rcond=None)[0]
-            gain = float(((inner[:, free] @ step) ** 2).sum())
+            slopes = minimum.slopes[:, free]
+            step = np.linalg.lstsq(slopes, -left, rcond=None)[0]
+            gain = float(((slopes @ step) ** 2).sum())
             if gain < _SMALL_GAIN or before - found < _SMALL_GAIN:
                 break
             point[free] = np.clip(point[free] + step, self.low[free], self.high[free])
-        return max(0.0, found - least)
+        return max(0.0, found - minimum.least)
 
 
 def spread_of(least: float, freedom: int) -> float:
@@ -358,9 +373,10 @@ def identify(
     best, least = fit.least(best)
     spread = spread_of(least, max(1, int(fit.rows.sum()) - len(best)))
     tell(f"fitted after {fit.curves.rows.solved} equilibria; intervals follow")
-    found = tuple(fit.interval(best, least, number, spread) for number in range(fit.count))
+    minimum = Minimum(best, least, fit.jacobian(best))
+    found = tuple(fit.interval(minimum, number, spread) for number in range(fit.count))
     result = _result(fit, bench, series, check, odd, found, best, outliers)
-    return replace(result, band=fit.band(best, spread))
+    return replace(result, band=fit.band(minimum, spread))
 
 
 def _without_outliers(fit: Fit, start: Array) -> tuple[Array, Mask]:

@@ -117,6 +117,10 @@ class ModelParameter:
         """Unit for people; "1" without one."""
         return unit_text(unit_of(_last(self.keys[0]))) or "1"
 
+    def value_in(self, _loads: Loads, _chambers: int) -> float:
+        """Return its value, which does not depend on loads."""
+        return self.value
+
     def step_options(self, options: StepOptions, offset: float) -> StepOptions:
         """Return the options of a tick with the parameter changed by an offset."""
         if self.keys[0] not in _SOLVER:

@@ -5,14 +5,14 @@ equilibrium or at the end of a run in time.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, TypeAlias, final
+from typing import Any, Final, final
 
 import numpy as np
 
 from cosim.app.simulation import Simulation, stepped_run
 from cosim.base.frames import Array
 from cosim.bench.outputs import Output, Slopes, outputs_of
-from cosim.bench.parameters import AnyParameter, LoadParameter, ParameterName, StaticModel, parameters_of
+from cosim.bench.parameters import AnyParameter, ParameterName, StaticModel, parameters_of
 from cosim.bench.run_slopes import RunSlopes
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -25,8 +25,6 @@ from cosim.stepping.quasistatic import QuasistaticSimulation
 
 _TICK_N: Final = 1e-7
 """Largest residual of a tick; residuals change the state, and have no derivative."""
-Asked: TypeAlias = tuple[Sequence[ParameterName], Sequence[str]]
-"""Names of parameters and of outputs."""
 
 
 @final
@@ -144,11 +142,17 @@ def sensitivity(
             f"fidelity = {scenario.fidelity!r} has no film; use fidelity = 'lumped' or 'refined'"
         )
     if isinstance(run, QuasistaticSimulation):
-        return _at_rest(scenario, soft, run.equilibrium, (parameters, outputs))
-    return _in_time(simulation, soft, (parameters, outputs))
+        return _at_rest(scenario, soft, run.equilibrium, parameters, outputs)
+    return _in_time(simulation, soft, parameters, outputs)
 
 
-def _at_rest(scenario: Scenario, soft: FilmRobot, here: Equilibrium, asked: Asked) -> Jacobian:
+def _at_rest(
+    scenario: Scenario,
+    soft: FilmRobot,
+    here: Equilibrium,
+    parameters: Sequence[ParameterName],
+    outputs: Sequence[str],
+) -> Jacobian:
     solver = soft.equilibrium_solver.solver
     if solver.film.slides:
         raise InputError(
@@ -156,7 +160,7 @@ def _at_rest(scenario: Scenario, soft: FilmRobot, here: Equilibrium, asked: Aske
             "losses = 'one_way'"
         )
     model = StaticModel.of(scenario, solver.film)
-    wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
+    wanted, rows = parameters_of(parameters, model), outputs_of(outputs, model)
     for each in wanted:
         if each.name.startswith("solver."):
             raise InputError(
@@ -166,7 +170,9 @@ def _at_rest(scenario: Scenario, soft: FilmRobot, here: Equilibrium, asked: Aske
     return _jacobian(wanted, _values(wanted, here.loads, model), rows, values, matrix)
 
 
-def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
+def _in_time(
+    simulation: Simulation, soft: FilmRobot, parameters: Sequence[ParameterName], outputs: Sequence[str]
+) -> Jacobian:
     """Run a simulation to its end, and update the derivatives tick by tick."""
     if simulation.snapshot.tick:
         raise InputError(
@@ -175,7 +181,7 @@ def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
         )
     # a separate film, as the next tick of the run depends on the last assembly of its film
     model = StaticModel.of(simulation.scenario, FilmPotential(soft.body))
-    wanted, rows = parameters_of(asked[0], model), outputs_of(asked[1], model)
+    wanted, rows = parameters_of(parameters, model), outputs_of(outputs, model)
     for row in rows:
         if row.name.startswith("flange_"):
             raise InputError(
@@ -194,10 +200,7 @@ def _in_time(simulation: Simulation, soft: FilmRobot, asked: Asked) -> Jacobian:
 
 
 def _values(wanted: Sequence[AnyParameter], loads: Loads, model: StaticModel) -> Array:
-    count = len(model.chambers)
-    return np.array([
-        each.value_in(loads, count) if isinstance(each, LoadParameter) else each.value for each in wanted
-    ])  # fmt: skip
+    return np.array([each.value_in(loads, len(model.chambers)) for each in wanted])
 
 
 def _jacobian(
