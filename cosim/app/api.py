@@ -19,7 +19,7 @@ from cosim.config.schema.scenario import Scenario
 from cosim.errors import RunInterrupted
 from cosim.results.result import RunResult
 from cosim.results.result_builder import ResultBuilder
-from cosim.telemetry.stability_lines import branching_lines, stability_lines
+from cosim.telemetry.texts.stability_lines import branching_lines, stability_lines
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody

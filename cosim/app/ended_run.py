@@ -15,7 +15,7 @@ from cosim.results.result import RunResult
 from cosim.results.run_columns import COLUMNS, FRAME_COLUMNS
 from cosim.results.run_html import as_html
 from cosim.telemetry.summary import Status
-from cosim.telemetry.summary_tables import phase_cells
+from cosim.telemetry.texts.summary_tables import phase_cells
 
 
 def load_run(directory: str | Path) -> RunResult:

@@ -20,7 +20,7 @@ from cosim.telemetry.phase_ends import PhaseEnds
 from cosim.telemetry.run_errors import RunErrors
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.summary import Status, SummaryBuilder
-from cosim.telemetry.summary_markdown import summary_markdown
+from cosim.telemetry.texts.summary_markdown import summary_markdown
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

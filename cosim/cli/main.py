@@ -201,7 +201,7 @@ def _replay(options: argparse.Namespace) -> int:
 def _errors(options: argparse.Namespace) -> int:
     from cosim.app import ended_run, error_bars  # here, because they load numpy
     from cosim.cli.screen import logged_to
-    from cosim.telemetry.bar_lines import bar_lines
+    from cosim.telemetry.texts.bar_lines import bar_lines
 
     run = ended_run.load_run(options.directory)
     with logged_to(tell):

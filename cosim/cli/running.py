@@ -22,8 +22,8 @@ from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.toml.reading import parse_assignment
 from cosim.errors import InputError
 from cosim.plan.decision import SECTION_RANGE
-from cosim.telemetry.closing_lines import closing_lines, quiet_line
 from cosim.telemetry.run_info import RunInfo
+from cosim.telemetry.texts.closing_lines import closing_lines, quiet_line
 from cosim.telemetry.tick_batch import TickBatch
 
 if TYPE_CHECKING:

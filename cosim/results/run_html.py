@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from cosim.telemetry.overlap_figures import overlap_lines
-from cosim.telemetry.stability_lines import branching_lines
-from cosim.telemetry.summary_tables import phase_cells
+from cosim.telemetry.figures.overlap_figures import overlap_lines
+from cosim.telemetry.texts.stability_lines import branching_lines
+from cosim.telemetry.texts.summary_tables import phase_cells
 
 _SHOWN_CELLS: Final = (0, 1, 2, 4, 5)
 """Cells of a phase's row in the summary."""

@@ -10,29 +10,34 @@ from cosim.base.column import figures_of
 from cosim.base.columns import TickColumns
 from cosim.base.state_checks import check_state
 from cosim.errors import InputError
-from cosim.telemetry.arm_figures import ArmFigures
-from cosim.telemetry.bar_lines import bar_warnings
-from cosim.telemetry.bound_warnings import (
+from cosim.telemetry.energy_figures import EnergyFigures
+from cosim.telemetry.figures.arm_figures import ArmFigures
+from cosim.telemetry.figures.device_figures import DeviceFigures
+from cosim.telemetry.figures.holding import ObjectFigures
+from cosim.telemetry.figures.overlap_figures import joined_overlaps, overlap_warnings
+from cosim.telemetry.figures.phase_figures import (
+    chamber_figures,
+    elastic_figures,
+    phase_figures,
+    stack_length_m,
+)
+from cosim.telemetry.figures.stability_figures import joined_branchings, stability_figures, with_rest
+from cosim.telemetry.figures.tip_path_figures import TipPathFigures
+from cosim.telemetry.figures.touched import TouchedFigures, hit_warnings
+from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
+from cosim.telemetry.run_errors import RunErrors
+from cosim.telemetry.run_info import RunInfo
+from cosim.telemetry.texts.bar_lines import bar_warnings
+from cosim.telemetry.texts.bound_warnings import (
     eyelet_warnings,
     section_warnings,
     shape_warnings,
     strength_warnings,
 )
-from cosim.telemetry.device_figures import DeviceFigures
-from cosim.telemetry.energy_figures import EnergyFigures
-from cosim.telemetry.holding import ObjectFigures
-from cosim.telemetry.mode_lines import swing_warnings
-from cosim.telemetry.overlap_figures import joined_overlaps, overlap_warnings
-from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
-from cosim.telemetry.phase_figures import chamber_figures, elastic_figures, phase_figures, stack_length_m
-from cosim.telemetry.run_errors import RunErrors
-from cosim.telemetry.run_info import RunInfo
-from cosim.telemetry.stability_figures import joined_branchings, stability_figures, with_rest
-from cosim.telemetry.stability_lines import branching_lines, undecided_warnings
-from cosim.telemetry.summary_tables import phase_cells
+from cosim.telemetry.texts.mode_lines import swing_warnings
+from cosim.telemetry.texts.stability_lines import branching_lines, undecided_warnings
+from cosim.telemetry.texts.summary_tables import phase_cells
 from cosim.telemetry.tick_batch import Snapshot, TickBatch
-from cosim.telemetry.tip_path_figures import TipPathFigures
-from cosim.telemetry.touched import TouchedFigures, hit_warnings
 
 SUMMARY_SCHEMA: Final = 1
 Status: TypeAlias = Literal["completed", "interrupted", "failed"]

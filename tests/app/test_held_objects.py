@@ -18,7 +18,7 @@ from cosim.cli.main import main
 from cosim.errors import InputError
 from cosim.kinematics.arm import Arm
 from cosim.results.result import RunResult
-from cosim.telemetry.closing_lines import closing_lines
+from cosim.telemetry.texts.closing_lines import closing_lines
 from tests.trays import DOWN, PALM_KG, SCENARIO, TRAY_KG
 
 GRAVITY = 9.81

@@ -16,7 +16,7 @@ from cosim import Command, Controller, Measurement
 from cosim.app.preparation import build_simulation
 from cosim.base.state_file import load, save
 from cosim.config.loading import load_scenario, scenario_text
-from cosim.telemetry.device_figures import control_figures
+from cosim.telemetry.figures.device_figures import control_figures
 from tests.devices.device_parts import (
     CONTROLLER,
     INFLATE,

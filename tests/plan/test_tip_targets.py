@@ -14,7 +14,7 @@ from benchmarks.tip_targets import BOUNDS, measure, summary
 from cosim.base.kept_parts import KeptParts
 from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.soft.solve.state import Equilibrium
-from cosim.telemetry.closing_lines import closing_lines
+from cosim.telemetry.texts.closing_lines import closing_lines
 from tests.small_section import on_a_ur5e
 
 

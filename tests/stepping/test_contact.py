@@ -12,7 +12,7 @@ import cosim
 from cosim.app.preparation import build_simulation
 from cosim.config.loading import load_scenario
 from cosim.errors import InputError
-from cosim.telemetry.summary_markdown import summary_markdown
+from cosim.telemetry.texts.summary_markdown import summary_markdown
 
 SCENARIO = """
 schema = 2

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from cosim.telemetry.bound_warnings import section_warnings, strength_warnings
+from cosim.telemetry.texts.bound_warnings import section_warnings, strength_warnings
 
 
 @pytest.mark.parametrize(("peak", "told"), [(0.0221, "2.2"), (0.02004, "2.004"), (0.31, "31")])

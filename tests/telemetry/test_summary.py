@@ -16,10 +16,10 @@ from cosim.base.column import ends_of, figures_of
 from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import StabilityReport
-from cosim.telemetry.closing_lines import error_line
 from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.summary import SummaryBuilder
-from cosim.telemetry.summary_markdown import summary_markdown
+from cosim.telemetry.texts.closing_lines import error_line
+from cosim.telemetry.texts.summary_markdown import summary_markdown
 from tests.ticks import changed
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"

@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from cosim.telemetry.closing_lines import error_line, target_lines
-from cosim.telemetry.mode_lines import swing_lines
-from cosim.telemetry.object_lines import object_lines
-from cosim.telemetry.overlap_figures import overlap_lines
-from cosim.telemetry.stability_lines import branching_lines, stability_lines
-from cosim.telemetry.summary_tables import arm_table, path_lines, phase_cells
-from cosim.telemetry.touched import touched_lines
+from cosim.telemetry.figures.overlap_figures import overlap_lines
+from cosim.telemetry.figures.touched import touched_lines
+from cosim.telemetry.texts.closing_lines import error_line, target_lines
+from cosim.telemetry.texts.mode_lines import swing_lines
+from cosim.telemetry.texts.object_lines import object_lines
+from cosim.telemetry.texts.stability_lines import branching_lines, stability_lines
+from cosim.telemetry.texts.summary_tables import arm_table, path_lines, phase_cells
 
 
 def summary_markdown(summary: dict[str, Any]) -> str:

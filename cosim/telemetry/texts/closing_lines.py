@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from cosim.plan.arm_limits import PLANNED
-from cosim.telemetry.bar_lines import BARS
-from cosim.telemetry.object_lines import object_lines
-from cosim.telemetry.overlap_figures import overlap_lines
-from cosim.telemetry.stability_lines import branching_lines, stability_lines, undecided_warnings
+from cosim.telemetry.figures.overlap_figures import overlap_lines
+from cosim.telemetry.texts.bar_lines import BARS
+from cosim.telemetry.texts.object_lines import object_lines
+from cosim.telemetry.texts.stability_lines import branching_lines, stability_lines, undecided_warnings
 
 _ITSELF: Final = "contact with itself"
 _NAMED: Final = 3
