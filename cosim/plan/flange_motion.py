@@ -6,15 +6,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, Pose, cross_matrix, rotation_from_vector, vector_from_rotation
 from cosim.config.schema.phase import FlangePoseTable, FlangeTurnTable, PhaseTable
-
-if TYPE_CHECKING:
-    pass
 from cosim.plan.ramp import progress
 
 _PIECES_PER_CYCLE = 24

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, final
+from typing import Final, final
 
 import numpy as np
 
 from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray, Mask
-
-if TYPE_CHECKING:
-    pass
 from cosim.plan.ramp import Progress
 
 _FEW: Final = 4

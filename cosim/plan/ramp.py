@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, final
-
-if TYPE_CHECKING:
-    pass
-
+from typing import Literal, final
 
 _ROUNDING = 1e-12  # of an instant that is a whole number of ticks
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 
 from cosim.base.frames import Array, Mask
 from cosim.base.tip_course import CourseInstant, TipCourse
-
-if TYPE_CHECKING:
-    pass
 
 
 @final
