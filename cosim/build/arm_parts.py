@@ -18,7 +18,7 @@ from cosim.config.several_arms import of_arm
 from cosim.config.toml.rules import Faults, errors_at
 from cosim.errors import ScenarioError, SceneError
 from cosim.kinematics.arm import Arm, Payload
-from cosim.plan import cell_motion, joint_path, path_clearance, required_motion, start_checks, static_plan
+from cosim.plan import cell_motion, joint_path, path_clearance, required_motion, start_checks, tip_paths
 from cosim.plan.arm_limits import PathClearances, PlannedArm
 from cosim.plan.joint_planner import nearest_start, plan_joints, prescribed_joints
 from cosim.plan.plan import Plan
@@ -202,7 +202,7 @@ class ArmParts:
             )  # fmt: skip
 
     def plan_joints(
-        self, start: Pose, ways: list[static_plan.AnyFlangeMotion], blame: Callable[[int], str]
+        self, start: Pose, ways: list[tip_paths.AnyFlangeMotion], blame: Callable[[int], str]
     ) -> tuple[joint_path.JointPath, ...]:
         """Return the joint paths of all phases, see `cosim.plan.joint_planner.plan_joints`.
 

@@ -12,10 +12,10 @@ from cosim.base.frames import Array
 from cosim.config.schema.phase import CELL_KEYS, PhaseTable
 from cosim.config.toml.keys import unknown_name_message
 from cosim.config.toml.rules import Fault, Faults
+from cosim.plan.ramp import progress
 
 if TYPE_CHECKING:
     from cosim.rigid.build.description import CellJoint
-from cosim.plan.ramp import progress
 
 _SLIDING: Final = ("cell_shift_m", "cell_speed_m_s")
 

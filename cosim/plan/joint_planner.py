@@ -17,10 +17,9 @@ from cosim.config.toml.rules import Faults
 from cosim.errors import UnreachableError
 from cosim.kinematics.arm import Arm
 from cosim.kinematics.inverse_kinematics import follow, solve
-from cosim.plan import static_plan
 from cosim.plan.flange_motion import FlangeMotion
 from cosim.plan.joint_path import JointPath
-from cosim.plan.tip_paths import PoseTrack
+from cosim.plan.tip_paths import AnyFlangeMotion, PoseTrack
 from cosim.plan.track_joints import prescribed_along, track_joints
 
 _NEEDED: Final = 6  # joints that must follow the flange if others are prescribed
@@ -59,9 +58,9 @@ def prescribed_joints(arm: Arm, start: StartTable, phases: Sequence[PhaseTable])
                 row[k] = value
                 if not arm.lower[k] <= value <= arm.upper[k]:
                     faults.add(path, f"is {value:g}; its limits are {arm.lower[k]:g} to {arm.upper[k]:g}")
-        free = int(np.isnan(row).sum())
-        if free < min(_NEEDED, arm.joint_count):
-            faults.add(where, f"leaves {free} joints to follow the flange; at least {_NEEDED} are needed")
+        free, needed = int(np.isnan(row).sum()), min(_NEEDED, arm.joint_count)
+        if free < needed:
+            faults.add(where, f"leaves {free} joints to follow the flange; at least {needed} are needed")
         rows.append(row)
     faults.raise_all()
     return tuple(rows)
@@ -70,7 +69,7 @@ def prescribed_joints(arm: Arm, start: StartTable, phases: Sequence[PhaseTable])
 def plan_joints(
     arm: Arm,
     start: Pose,
-    ways: list[static_plan.AnyFlangeMotion],
+    ways: list[AnyFlangeMotion],
     blame: Callable[[int], str],
     prescribed: Sequence[Array] = (),
     clear: Callable[[tuple[JointPath, ...]], bool] | None = None,
@@ -137,9 +136,7 @@ def _rolled_otherwise(arm: Arm, start: Pose) -> str:
     return ""
 
 
-def _check_reach(
-    arm: Arm, ways: list[static_plan.AnyFlangeMotion], seed: Array, blame: Callable[[int], str]
-) -> None:
+def _check_reach(arm: Arm, ways: list[AnyFlangeMotion], seed: Array, blame: Callable[[int], str]) -> None:
     """Check that no phase ends farther away than the arm's reach, before long motions are followed.
 
     Raises:
@@ -152,9 +149,7 @@ def _check_reach(
                 solve(arm, way.end, seed, candidates=1)
 
 
-def _check_ends(
-    arm: Arm, ways: list[static_plan.AnyFlangeMotion], seed: Array, blame: Callable[[int], str]
-) -> None:
+def _check_ends(arm: Arm, ways: list[AnyFlangeMotion], seed: Array, blame: Callable[[int], str]) -> None:
     """Check that the end of each phase can be reached, on any branch.
 
     Raises:
@@ -192,11 +187,7 @@ def _configurations(arm: Arm, start: Pose, nearest: Array, prescribed: Array) ->
 
 
 def _follow_all(
-    arm: Arm,
-    ways: list[static_plan.AnyFlangeMotion],
-    q: Array,
-    blame: Callable[[int], str],
-    prescribed: Sequence[Array],
+    arm: Arm, ways: list[AnyFlangeMotion], q: Array, blame: Callable[[int], str], prescribed: Sequence[Array]
 ) -> tuple[JointPath, ...]:
     paths: list[JointPath] = []
     for index, (way, asked) in enumerate(zip(ways, prescribed, strict=False)):

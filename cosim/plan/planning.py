@@ -16,7 +16,6 @@ from cosim.plan.flange_motion import pose_of
 from cosim.plan.joint_path import JointPath
 from cosim.plan.plan import PhasePlan, Plan
 from cosim.plan.static_plan import (
-    AnyFlangeMotion,
     SolvedPhases,
     all_drafts,
     flange_key,
@@ -24,6 +23,7 @@ from cosim.plan.static_plan import (
     solved_count,
     start_command,
 )
+from cosim.plan.tip_paths import AnyFlangeMotion
 from cosim.soft.body.body import SoftBody
 
 JointPlanner: TypeAlias = Callable[[Pose, list[AnyFlangeMotion], Callable[[int], str]], tuple[JointPath, ...]]

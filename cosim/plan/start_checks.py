@@ -15,7 +15,7 @@ from cosim.coupling.robots.mass_properties import MassProperties
 from cosim.errors import ScenarioError
 from cosim.plan.joint_path import JointPath
 from cosim.plan.planning import JointPlanner
-from cosim.plan.static_plan import AnyFlangeMotion
+from cosim.plan.tip_paths import AnyFlangeMotion
 from cosim.soft.body.body import SoftBody
 
 if TYPE_CHECKING:

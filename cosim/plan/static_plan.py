@@ -3,7 +3,7 @@ the end of each phase. Targets of the tip are solved here; an unreachable one is
 """
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias, final
+from typing import final
 
 import numpy as np
 
@@ -20,30 +20,13 @@ from cosim.plan.flange_motion import FlangeMotion, Shake, pose_of
 from cosim.plan.node_groups import SidesOf, held_components, nodal_force, nodes_of
 from cosim.plan.plan import Holding
 from cosim.plan.tip_errors import PlannedTipPath
-from cosim.plan.tip_paths import PoseTrack, follow_path
+from cosim.plan.tip_paths import AnyFlangeMotion, PhaseMotion, follow_path
 from cosim.plan.tip_targets import reach, walk
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.solve.state import Equilibrium
 
-AnyFlangeMotion: TypeAlias = FlangeMotion | PoseTrack
 _LEAK_PIECES = 8
-
-
-@final
-@dataclass(frozen=True)
-class PhaseMotion:
-    """A phase solved on the statics.
-
-    Args:
-        way: motion of the flange.
-        end: equilibrium at its end.
-        path: of the tip; None without one.
-    """
-
-    way: AnyFlangeMotion
-    end: Equilibrium
-    path: PlannedTipPath | None = None
 
 
 def solved_phase(
@@ -63,8 +46,7 @@ def solved_phase(
     """
     try:
         if phase.tip_path is not None:
-            found = follow_path(soft, here, loads, phase.tip_path, air_drag_per_s)
-            return PhaseMotion(found.way, found.end, found.planned)
+            return follow_path(soft, here, loads, phase.tip_path, air_drag_per_s)
         if phase.tip_target is None:
             way = given_motion(here.world_from_flange, phase)
             return PhaseMotion(way, walk(soft, here, way, loads))

@@ -8,7 +8,7 @@ the path's acceleration a, its velocity v and the air drag c.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cosim.base.tip_course import CourseInstant, TipCourse
 from cosim.config.schema.phase import TipPathTable
 from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.errors import CosimError, InputError, SolverError, UnreachableError
+from cosim.plan.flange_motion import FlangeMotion
 from cosim.plan.straight_arm import StraightArm
 from cosim.plan.tip_errors import PlannedTipPath, TipErrors, tip_distances
 from cosim.soft.body.loads import Loads
@@ -74,25 +75,28 @@ class PoseTrack:
         return self.course.at(fraction * self.course.duration_s)
 
 
+AnyFlangeMotion: TypeAlias = FlangeMotion | PoseTrack
+
+
 @final
 @dataclass(frozen=True)
-class FollowedPath:
-    """A motion of the flange along a path of the tip.
+class PhaseMotion:
+    """A phase solved on the statics.
 
     Args:
         way: motion of the flange.
         end: equilibrium at its end.
-        planned: the path.
+        path: of the tip; None without one.
     """
 
-    way: PoseTrack
+    way: AnyFlangeMotion
     end: Equilibrium
-    planned: PlannedTipPath
+    path: PlannedTipPath | None = None
 
 
 def follow_path(
     soft: SoftRobot, begin: Equilibrium, loads: Loads, path: TipPathTable, air_drag_per_s: float | None
-) -> FollowedPath:
+) -> PhaseMotion:
     """Return the flange's motion along a path, and the equilibrium that it ends in.
 
     Args:
@@ -110,13 +114,13 @@ def follow_path(
     if path.reach_with == "none":
         states = trip.straight(_straight_at(begin, trip.instants), begin)
         errors = trip.errors(states)
-        return FollowedPath(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
+        return PhaseMotion(trip.track(states), states[-1], PlannedTipPath(trip.course, errors, errors))
     tip = _begin_tip(soft, begin, trip.instants)
     straight = StraightArm.of(soft.body, begin.state.positions)
     uncompensated = trip.uncompensated(straight, begin)
     states = trip.through(begin, lambda *step: _onto(soft, *step), trip.beginning_at(tip))
     planned = PlannedTipPath(trip.course, trip.errors(states), uncompensated)
-    return FollowedPath(trip.track(states), states[-1], planned)
+    return PhaseMotion(trip.track(states), states[-1], planned)
 
 
 @final
@@ -229,10 +233,9 @@ def _straight_at(begin: Equilibrium, instants: CourseInstant) -> StraightArm:
     axis = flange.rotation[:, 2]
     turned = 0.0 if first.direction is None else np.linalg.norm(shortest_turn(axis, first.direction))
     if np.linalg.norm(way - (way @ axis) * axis) > _BEGINS_WITHIN[0] or turned > _BEGINS_WITHIN[1]:
+        remedy = _remedy(first, ", reach_with = 'none'")
         raise UnreachableError(
-            "with reach_with = 'none' a straight arm begins on the path, and this one does not; "
-            f"{_remedy(first)}"
-            ", reach_with = 'none' }"
+            f"with reach_with = 'none' a straight arm begins on the path, and this one does not; {remedy}"
         )
     return StraightArm(float(way @ axis))
 
@@ -266,13 +269,14 @@ def _begin_tip(soft: SoftRobot, begin: Equilibrium, instants: CourseInstant) -> 
     )
 
 
-def _remedy(first: CourseInstant) -> str:
+def _remedy(first: CourseInstant, further: str = "") -> str:
+    """Return a text with the `tip_target` that brings the tip to the first point, with `further` keys."""
     direction = ""
     if first.direction is not None:
         direction = f", direction = {np.round(first.direction, 5).tolist()}"
     return (
         "bring it there in a phase before: tip_target = { position_m = "
-        f"{np.round(first.position, 5).tolist()}{direction} }}"
+        f"{np.round(first.position, 5).tolist()}{direction}{further} }}"
     )
 
 

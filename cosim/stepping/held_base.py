@@ -12,7 +12,7 @@ from cosim.base.frames import Array, Pose, Wrench
 from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.coupling.ticks import ServoCommands, TickLog, figures_of, sizes_of
 from cosim.plan.joint_path import JointPath, JointReference
-from cosim.plan.static_plan import AnyFlangeMotion
+from cosim.plan.tip_paths import AnyFlangeMotion
 from cosim.soft.body.loads import Loads
 from cosim.stepping.carrier import Carrier
 

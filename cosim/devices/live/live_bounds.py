@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final, final
 from cosim.config.schema.scenario import Scenario
 from cosim.devices.command_checks import numbers
 from cosim.devices.controller import Command
+from cosim.devices.live.live_values import WHO, LiveValues
 from cosim.errors import InputError
 
 if TYPE_CHECKING:
     from cosim.kinematics.arm import Arm
     from cosim.plan.arm_limits import ArmLimits
-from cosim.devices.live.live_values import WHO, LiveValues
 
 _MOTIONS: Final = ("flange", "flange_twist", "joint_position")
 
