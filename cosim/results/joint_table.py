@@ -4,7 +4,9 @@ import csv
 import io
 import json
 import math
+from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final, Self, final
 
@@ -28,6 +30,8 @@ PAYLOAD: Final = (
 """Columns of the payload: centre in the flange frame, inertia about the centre, flange axes."""
 _TIME: Final = "time_s"
 _UR_JOINTS: Final = 6
+_UNEVEN: Final = 0.01
+"""Largest difference of two time steps over the shortest one, for URScript."""
 
 
 @final
@@ -51,25 +55,26 @@ class JointTable:
     values: Array
     held: tuple[HeldPart, ...] = ()
 
+    @cached_property
+    def _joint_columns(self) -> list[int]:
+        return [k for k, head in enumerate(self.columns) if head.rpartition(".")[2].startswith("position")]
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Base to flange."""
-        return tuple(
-            c.rpartition(".")[0] for c in self.columns if c.rpartition(".")[2].startswith("position")
-        )
+        return tuple(self.columns[k].rpartition(".")[0] for k in self._joint_columns)
 
     @property
     def payload(self) -> Array | None:
-        """(n, 10), as `PAYLOAD`; None if the table has no payload."""
-        if PAYLOAD[0] not in self.columns:
+        """(n, 10), as `PAYLOAD`; None if the table does not have all of it."""
+        if not {*PAYLOAD} <= {*self.columns}:
             return None
-        first = self.columns.index(PAYLOAD[0])
-        return self.values[:, first : first + len(PAYLOAD)]
+        return self.values[:, [self.columns.index(head) for head in PAYLOAD]]
 
-    @property
+    @cached_property
     def joints(self) -> Array:
         """(n, joints) [rad], of sliding joints [m]."""
-        return self.values[:, : len(self.joint_names)]
+        return self.values[:, self._joint_columns]
 
     @property
     def joint_speeds(self) -> Array:
@@ -94,13 +99,19 @@ class JointTable:
         """Return a program for the controller of a UR arm, see `cosim.results.urscript`.
 
         Raises:
-            InputError: the arm has other joints than a UR.
+            InputError: the arm has other joints than a UR, or the rows are not evenly spaced in time.
         """
         turning = [column for column in self.columns if column.endswith(".position_rad")]
         if len(turning) != _UR_JOINTS or len(self.joint_names) != _UR_JOINTS:
             raise InputError(
                 f"URScript moves {_UR_JOINTS} joints that turn; this arm has {', '.join(self.joint_names)}: "
                 f"write a {CSV} file"
+            )
+        steps_s = np.diff(self.time_s)
+        if np.ptp(steps_s) > _UNEVEN * steps_s.min():
+            raise InputError(
+                f"{self.name}: URScript has one row per time step, and these rows are {steps_s.min():.6g} to "
+                f"{steps_s.max():.6g} s apart: interpolate them at a fixed rate, or write a {TRAJECTORY} file"
             )
         return program(self.name, self.joint_names, self.time_s, self.joints, self.payload, self.held)
 
@@ -156,6 +167,8 @@ class JointTable:
             raise InputError(
                 f"{path}: must have the column {_TIME} first, and a finite number under every head"
             )
+        if twice := [head for head, count in Counter(heads).items() if count > 1]:
+            raise InputError(f"{path}: has {twice[0]} twice; give each column its own head")
         if len(rows) < 2 or not (np.diff(rows[:, 0]) > 0.0).all():
             raise InputError(f"{path}: must have two rows at least, and {_TIME} must increase")
         return cls(path.stem, tuple(heads[1:]), rows[:, 0], rows[:, 1:])

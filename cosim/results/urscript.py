@@ -3,6 +3,7 @@ by `set_target_payload` before the move, and every 0.5 s to its value 0.5 s late
 when an object is grasped or released, it is set at once, with a comment.
 """
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
@@ -52,7 +53,7 @@ def program(
     return "\n".join(
         [
             f"# phase {name}: {len(rows)} points, {step_s:.9g} s apart; joints {', '.join(joint_names)}",
-            f"def {name.replace('-', '_')}():",
+            f"def {_identifier(name)}():",
             *before_move,
             f"  movej({rows[0]}, {_APPROACH})",
             *calls,
@@ -61,6 +62,12 @@ def program(
             "",
         ]
     )
+
+
+def _identifier(name: str) -> str:
+    """Return a name as URScript allows for a function: ASCII letters, digits and '_', a letter first."""
+    valid = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return valid if valid[:1].isalpha() else f"p_{valid}"
 
 
 def _payload_updates(payload: Array, changes: dict[int, str], step_s: float) -> dict[int, list[str]]:

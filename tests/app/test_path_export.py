@@ -190,6 +190,25 @@ def test_urscript_moves_to_the_start_and_has_a_servoj_for_every_row(tmp_path: Pa
     assert ast.literal_eval(found[1][2]) == (0, 0, 0.008, 0.1, 300)
 
 
+def test_columns_are_found_by_their_heads(tmp_path: Path) -> None:
+    bare, load = table(), np.random.default_rng(1).normal(size=(5, 10))
+    heads, values = [*bare.columns, *PAYLOAD, "c.tension_N"], np.hstack([bare.values, load, np.ones((5, 1))])
+    order = [16, *range(15, 5, -1), *range(6)]  # tension, payload backwards, joints
+    mixed = JointTable("1. try", tuple(heads[k] for k in order), bare.time_s, values[:, order])
+    mixed.write(tmp_path / "1. try.csv")
+    read = JointTable.read(tmp_path / "1. try.csv")
+    assert read.joint_names == bare.joint_names
+    np.testing.assert_array_equal(read.joints, bare.joints)
+    np.testing.assert_array_equal(read.payload, load)
+    assert read.urscript_text().splitlines()[1] == "def p_1__try():"
+
+
+def test_urscript_needs_evenly_spaced_rows() -> None:
+    times = np.array([0.0, 0.008, 0.016, 0.03, 0.038])
+    with pytest.raises(InputError, match=r"0\.008 to 0\.014 s apart"):
+        replace(table(), time_s=times).urscript_text()
+
+
 def test_urscript_sets_the_payload_ahead(tmp_path: Path) -> None:
     rows = 201  # 0.8 s at 250 Hz
     bare = table(rows)
@@ -237,6 +256,7 @@ def test_urscript_is_for_six_turning_joints(joints: int, kind: str, tmp_path: Pa
     [
         ("", "time_s first"),
         ("a,b\n1,2\n3,4\n", "time_s first"),
+        ("time_s,j.position_rad,j.position_rad\n0,1,1\n1,1,1\n", "j.position_rad twice"),
         ("time_s,j.position_rad\n0,1\n", "two rows at least"),
         ("time_s,j.position_rad\n0,1\n0,1\n", "must increase"),
         ("time_s,j.position_rad\n0,1\n1,nan\n", "finite number"),
