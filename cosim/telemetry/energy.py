@@ -96,15 +96,60 @@ class EnergyParts(Shown):
             gravity,
         )
 
-    def begin(self) -> EnergyFigures:
-        """Return the balance before the first tick."""
-        return EnergyFigures()
-
     def after(
         self, before: EnergyFigures, batch: TickTable, substeps: Substeps
     ) -> tuple[EnergyFigures, Array]:
-        """Return the balance after further ticks, and its terms at each of them, see `balance_after`."""
-        return balance_after(before, batch, substeps, self)
+        """Return the balance after further ticks, and its `TERMS` at each of them (k, terms) [J].
+
+        The first batch is the state before the first tick alone. Ticks are summed in order, so the result
+        does not depend on batches. Elastic energy and rest are computed every 0.1 s, and NaN in other ticks.
+        """
+        x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
+        columns = (
+            volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
+            batch.flange_rotation.reshape(-1, 9),
+        )  # fmt: skip
+        values = np.concatenate(columns, axis=1)
+        length = np.zeros(len(self.segments)) if before.last is None else before.last.length.copy()
+        rows = np.concatenate([values[:1] if before.last is None else before.last.seen[None], values])
+        lost = np.array([self.lost(shape) for shape in x])
+        routes = Routes(self.segments.copy(), self.cable.copy(), lost, length)
+        each = np.zeros((len(x), len(WORKS)))
+        fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
+        if before.last is None:
+            motion = np.zeros((6, *x.shape[1:]))
+            motion[:2] = x[0]
+            row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
+            return replace(before, elastic=self.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
+        motion, sums = before.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
+        sums[0], options = before.last.sums, self.options
+        if self.resisted is not None:
+            known = np.concatenate([motion[1::-1], x])
+            both = options.integrator == "bdf2"
+            for t in range(len(x)):
+                sums[t + 1, RESISTED] = self.resisted(known[t : t + 3], both and before.ticks + t > 0)
+        begun = _moved(before, batch, substeps, self, motion, sums[1:])
+        each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
+        each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
+            [
+                sums[1:, FALLING],
+                batch.contact_work_J,
+                batch.self_contact_work_J,
+                options.damping_per_s * sums[1:, DAMPED],
+                options.air_drag_per_s * sums[1:, DRAGGED],
+                self.tick_s * _mean(sums)[:, RESISTED],
+                -batch.bodies_work_J,
+                -batch.bodies_work_J - batch.contact_work_J,
+            ],
+            axis=1,
+        )
+        row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy(), begun)
+        works = np.cumsum(np.vstack([before.works, each]), axis=0)[1:]
+        done = np.cumsum([before.done, *sums[1:, DONE]])[1:]
+        after = EnergyFigures(
+            tuple(works[-1].tolist()), float(done[-1]), before.elastic, before.ticks + len(x), row
+        )
+        return after, balance(works, _elastic(before, x, self), sums[1:, KINETIC], done)
 
 
 def _lost(body: SoftBody) -> Callable[[Array], Array]:
@@ -123,62 +168,6 @@ def _lost_at(body: SoftBody, positions: Array) -> Array:
 
 def _always(ratio: Array, _positions: Array) -> Array:
     return ratio
-
-
-def balance_after(
-    before: EnergyFigures, batch: TickTable, substeps: Substeps, parts: EnergyParts
-) -> tuple[EnergyFigures, Array]:
-    """Return the balance after further ticks, and its `TERMS` at each of them (k, terms) [J].
-
-    The first batch is the state before the first tick alone. Ticks are summed in order, so the result does
-    not depend on batches. Elastic energy and rest are computed every 0.1 s, and NaN in other ticks.
-    """
-    x, volume = np.require(batch.node_position, None, ["C", "W"]), batch.chamber_volume_m3
-    columns = (
-        volume, batch.chamber_pressure_Pa, batch.cable_tension_N, batch.wrench, batch.flange_position,
-        batch.flange_rotation.reshape(-1, 9),
-    )  # fmt: skip
-    values = np.concatenate(columns, axis=1)
-    length = np.zeros(len(parts.segments)) if before.last is None else before.last.length.copy()
-    rows = np.concatenate([values[:1] if before.last is None else before.last.seen[None], values])
-    lost = np.array([parts.lost(shape) for shape in x])
-    routes = Routes(parts.segments.copy(), parts.cable.copy(), lost, length)
-    each = np.zeros((len(x), len(WORKS)))
-    fill_works(x, routes, rows, _mean(rows), volume.shape[1], each)
-    if before.last is None:
-        motion = np.zeros((6, *x.shape[1:]))
-        motion[:2] = x[0]
-        row = EnergyRow(motion, np.zeros(COLUMNS), length, rows[-1].copy())
-        return replace(before, elastic=parts.elastic(x[0]), last=row), np.zeros((1, len(TERMS)))
-    motion, sums = before.last.motion.copy(), np.zeros((len(x) + 1, COLUMNS))
-    sums[0], options = before.last.sums, parts.options
-    if parts.resisted is not None:
-        known = np.concatenate([motion[1::-1], x])
-        both = options.integrator == "bdf2"
-        for t in range(len(x)):
-            sums[t + 1, RESISTED] = parts.resisted(known[t : t + 3], both and before.ticks + t > 0)
-    begun = _moved(before, batch, substeps, parts, motion, sums[1:])
-    each[:, WORKS.index("eyelets_J")] += batch.eyelets_J
-    each[:, WORKS.index("gravity_J") : WORKS.index("eyelets_made_J")] = np.stack(
-        [
-            sums[1:, FALLING],
-            batch.contact_work_J,
-            batch.self_contact_work_J,
-            options.damping_per_s * sums[1:, DAMPED],
-            options.air_drag_per_s * sums[1:, DRAGGED],
-            parts.tick_s * _mean(sums)[:, RESISTED],
-            -batch.bodies_work_J,
-            -batch.bodies_work_J - batch.contact_work_J,
-        ],
-        axis=1,
-    )
-    row = EnergyRow(motion, sums[-1].copy(), length, rows[-1].copy(), begun)
-    works = np.cumsum(np.vstack([before.works, each]), axis=0)[1:]
-    done = np.cumsum([before.done, *sums[1:, DONE]])[1:]
-    after = EnergyFigures(
-        tuple(works[-1].tolist()), float(done[-1]), before.elastic, before.ticks + len(x), row
-    )
-    return after, balance(works, _elastic(before, x, parts), sums[1:, KINETIC], done)
 
 
 def _moved(

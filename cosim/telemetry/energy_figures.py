@@ -1,7 +1,8 @@
 """The energy balance of a run as it is saved: works so far, and the last tick."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Final, Protocol, final
+from typing import Annotated, Final, final
 
 import numpy as np
 
@@ -10,13 +11,6 @@ from cosim.base.names import LOST, PUT_IN, TERMS, WORKS
 
 KINETIC: Final = 0
 """Index of the kinetic energy in the sums of a tick."""
-
-
-class Elastic(Protocol):
-    """A body with an elastic energy."""
-
-    def elastic(self, positions: Array) -> float:
-        """Return the elastic energy [J] at positions (n, 3) [m]."""
 
 
 @final
@@ -58,11 +52,15 @@ class EnergyFigures:
     ticks: int = 0
     last: EnergyRow | None = None
 
-    def figures(self, parts: Elastic) -> dict[str, float]:
-        """Return the balance since the start for the summary."""
+    def figures(self, elastic_J: Callable[[Array], float]) -> dict[str, float]:
+        """Return the balance since the start for the summary.
+
+        Args:
+            elastic_J: positions (n, 3) [m] of the film's nodes -> elastic energy.
+        """
         if self.last is None:
             return {}
-        elastic = np.array([parts.elastic(self.last.motion[0]) - self.elastic])
+        elastic = np.array([elastic_J(self.last.motion[0]) - self.elastic])
         kinetic, done = self.last.sums[KINETIC, None], np.array([self.done])
         terms = balance(np.array([self.works]), elastic, kinetic, done)
         return dict(zip(TERMS, terms[0].tolist(), strict=True))

@@ -128,7 +128,7 @@ class SummaryBuilder:
         self._resumed_at_ticks = resumed_at_ticks
         self._figures = tuple(figures_of(TickColumns))
         none = TouchedFigures.none(len(stage.body_names))
-        self._state = SummaryState(none, None if stage.energy is None else stage.energy.begin())
+        self._state = SummaryState(none, None if stage.energy is None else EnergyFigures())
         self._ends = PhaseEndsBuilder(stage.ticks, moves=stage.energy is not None)
 
     @property
@@ -283,7 +283,7 @@ class SummaryBuilder:
         branchings = with_rest(state.branchings, name, last.stability)
         row = self._row(last, name, [each for each in branchings if each["phase"] == name], complete)
         parts, energy = stage.energy, state.energy
-        row["energy"] = None if parts is None or energy is None else energy.figures(parts)
+        row["energy"] = None if parts is None or energy is None else energy.figures(parts.elastic)
         path, tip_path, devices = stage.tip_paths.get(last.phase), state.tip_path, state.devices
         if path is not None:
             row["tip_path"], tip_path = tip_path.figures(path), TipPathFigures()
