@@ -98,3 +98,20 @@ class BodyShape(Shown):
     vertices: Array
     triangles: IntArray
     rgba: tuple[float, float, float, float]
+
+
+@final
+@dataclass(frozen=True)
+class MovableBody:
+    """A body of a scene that loads can move.
+
+    Args:
+        body: its index.
+        free: whether it hangs on no joint.
+        figures: (10,) mass [kg], centre (3,) [m] in the body's frame, inertia xx, yy, zz, xy, xz, yz [kg m^2]
+            about that centre, body axes.
+    """
+
+    body: int
+    free: bool
+    figures: tuple[float, ...]

@@ -103,7 +103,7 @@ def _objects(parts: Parts) -> tuple[ObjectInfo, ...]:
     names = parts.carrier.body_names
     moves = parts.scenario.mode == "dynamic"
     objects = parts.carrier.objects if moves else ()
-    return tuple(ObjectInfo(names[body], body, figures, free) for body, free, figures in objects)
+    return tuple(ObjectInfo(names[one.body], one.body, one.figures, one.free) for one in objects)
 
 
 def _films(body: SoftBody) -> int:

@@ -9,10 +9,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from cosim.recording.colours import BACKGROUND
-from cosim.recording.entity_paths import FOLLOW, TIMELINE, TIP_PATH, path_of_arm
+from cosim.recording.entity_paths import FOLLOW, STRESS_SCALE, TIMELINE, TIP_PATH, path_of_arm
 from cosim.recording.eyes import Eye
 from cosim.recording.plots import Plot
-from cosim.recording.stress_legend import LEGEND_X, LEGEND_Y, PATH
+from cosim.recording.stress_legend import LEGEND_X, LEGEND_Y
 
 
 @final
@@ -76,7 +76,7 @@ def _soft_robot(one: RunViews) -> rrb.Vertical:
     return rrb.Vertical(
         _space(name, path_of_arm(one.arm, FOLLOW), one.close, [one.arm]),
         rrb.Spatial2DView(
-            origin=PATH,
+            origin=STRESS_SCALE,
             name=_named("Largest principal stress of the film [MPa]", one),
             background=list(BACKGROUND),
             visual_bounds=rrb.VisualBounds2D(x_range=LEGEND_X, y_range=LEGEND_Y),

@@ -4,12 +4,11 @@ of an entity of one arm begins with the arm's name.
 
 from typing import Final
 
-from cosim.recording.stress_legend import PATH
-
 TIMELINE: Final = "sim_time"
 TICKS: Final = "tick"
 FOLLOW: Final = "/world/follow"
 TIP_PATH: Final = "/world/soft/tip_path"
+STRESS_SCALE: Final = "/stress_scale"
 
 
 def path_of_arm(arm: str, path: str) -> str:
@@ -19,7 +18,7 @@ def path_of_arm(arm: str, path: str) -> str:
         arm: name of the arm; empty if it is the only one.
         path: of the entity in a recording of a single arm.
     """
-    shared = path == "/world" or path.startswith(("/world/rigid/", PATH))
+    shared = path == "/world" or path.startswith(("/world/rigid/", STRESS_SCALE))
     if not arm or shared:
         return path
     within = path.startswith("/world/")

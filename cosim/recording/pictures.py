@@ -12,10 +12,10 @@ from rerun.experimental import ViewerClient
 
 from cosim.base.video import encoded, encoder
 from cosim.errors import InputError, OutputError
+from cosim.recording.entity_paths import TIMELINE
 from cosim.recording.viewer import Viewer, start_viewer
 
 SIZE: Final = (1600, 900)
-_TIMELINE: Final = "sim_time"
 _WAIT_S: Final = 120.0
 _PAUSE_S: Final = 0.1
 
@@ -77,7 +77,7 @@ class Pictures:
             OutputError: the viewer has ended.
         """
         moment = np.timedelta64(round(min(time_s, self.end_s) * 1e9), "ns")
-        self._answer(lambda: self._client.set_time(_TIMELINE, duration=moment, play_state="paused"))
+        self._answer(lambda: self._client.set_time(TIMELINE, duration=moment, play_state="paused"))
         return bytes(self._answer(self._client.take_screenshot))
 
     def _answer(self, request: Callable[[], Any]) -> Any:
@@ -113,7 +113,7 @@ class Pictures:
         until = time.monotonic() + _WAIT_S
         while time.monotonic() < until:
             state = self._answer(self._client.get_state)
-            ends = [line.end for one in state.recordings for line in one.timelines if line.name == _TIMELINE]
+            ends = [line.end for one in state.recordings for line in one.timelines if line.name == TIMELINE]
             if ends and state.views and not state.loading:
                 return float(max(ends)) * 1e-9
             faults = [

@@ -3,7 +3,8 @@ all readers of Arrow read as lists of fixed length; metadata describe file and c
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -135,16 +136,13 @@ def _description(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str
     return description
 
 
-class _naming:  # noqa: N801  # a context manager
-    """Turns any error of a damaged file into an InputError with the file's name."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        """Begin to read."""
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, Exception) and not isinstance(error, InputError):
-            text = (str(error).splitlines() or [""])[0][:200]
-            raise InputError(f"{self._path}: cannot be read: {text}") from error
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Turn any error of a damaged file into an InputError with the file's name."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        text = (str(error).splitlines() or [""])[0][:200]
+        raise InputError(f"{path}: cannot be read: {text}") from error

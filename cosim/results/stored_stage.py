@@ -38,17 +38,10 @@ def stage_of(stored: Mapping[str, Any]) -> RunInfo:
     made["cables"] = tuple(np.array(nodes, np.int64) for nodes in stored["cables"])
     made["gravity"] = np.array(stored["gravity"], np.float64)
     made["modelled"] = tuple(Decision(**entry) for entry in stored["modelled"])
-    made["sensors"] = tuple(
-        SensorNames(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["sensors"]
-    )
-    made["objects"] = tuple(
-        ObjectInfo(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["objects"]
-    )
-    made["cameras"] = tuple(
-        CameraInfo(**{key: _tuples(value) for key, value in entry.items()}) for entry in stored["cameras"]
-    )
+    for name, kind in (("sensors", SensorNames), ("objects", ObjectInfo), ("cameras", CameraInfo)):
+        made[name] = tuple(kind(**_with_tuples(entry)) for entry in stored[name])
     if stored["devices"] is not None:
-        made["devices"] = DeviceNames(**{key: _tuples(value) for key, value in stored["devices"].items()})
+        made["devices"] = DeviceNames(**_with_tuples(stored["devices"]))
     return RunInfo(**made, shapes=(), membrane_stress=_no_stress)
 
 
@@ -67,6 +60,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _with_tuples(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _tuples(value) for key, value in entry.items()}
 
 
 def _tuples(value: Any) -> Any:

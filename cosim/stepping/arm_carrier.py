@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final, final
 import numpy as np
 
 from cosim.base.frames import Array, Wrench
-from cosim.base.solid import BodyShape, FilmInLink, LinkContact
+from cosim.base.solid import BodyShape, FilmInLink, LinkContact, MovableBody
 from cosim.config.schema.settings import CouplingTable
 from cosim.coupling.contact.contact_exchange import ContactExchange
 from cosim.coupling.robots.mass_properties import MassProperties
@@ -135,7 +135,7 @@ class ArmCarrier(SceneCarrier):
         return np.concatenate([weight, np.cross(lever, weight)])
 
     @property
-    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
+    def objects(self) -> tuple[MovableBody, ...]:
         return self._scene.objects
 
     @property

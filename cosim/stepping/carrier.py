@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.base.frames import Array, Pose, Twist, Wrench
-from cosim.base.solid import BodyShape
+from cosim.base.solid import BodyShape, MovableBody
 from cosim.coupling.contact.contact_report import NOTHING_TOUCHED, ContactReport
 from cosim.coupling.ticks import ServoCommands, TickLog
 from cosim.errors import SolverError
@@ -98,8 +98,8 @@ class Carrier(ABC):
         return ()
 
     @property
-    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
-        """Movable objects: index in `body_names`, whether free, and figures as of `mounted`, body frame."""
+    def objects(self) -> tuple[MovableBody, ...]:
+        """Movable objects, with their indices in `body_names`."""
         return ()
 
     @property

@@ -222,7 +222,7 @@ class SteppedRun(ABC):
         if self.at_edge and (end := self._parts.soft.end_state) is not None:
             batch = replace(batch, ends={len(batch) - 1: end})
         self._fitting = max(1, int(_SHOWN_S / max(float(batch.tick_wall_s.max()), _SHOWN_S / TOGETHER)))
-        return self._cameras.filmed(batch) if self.stage.cameras else batch
+        return self._cameras.filmed(batch)
 
     def image(self, camera: str, last: Snapshot) -> CameraImage:
         """Return the image of a camera, by its name, at a snapshot.

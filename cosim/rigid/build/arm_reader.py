@@ -121,7 +121,8 @@ def _limits_of(joint: ElementTree.Element, source: ArmSource) -> list[float]:
     MuJoCo does not read the last two, and frees a joint that has no way.
 
     Raises:
-        InputError: one is no number, effort or speed is negative, or there is no way between lower and upper.
+        InputError: one is no number, effort or speed is negative, acceleration is not positive, or there is
+            no way between lower and upper.
     """
     limit, where, found = _limit_of(joint), _where(joint, source), []
     for key, default in (("lower", "0"), ("upper", "0"), *((key, "0") for key in _FILLED), _UNBOUNDED):
@@ -131,7 +132,9 @@ def _limits_of(joint: ElementTree.Element, source: ArmSource) -> list[float]:
         except ValueError:
             raise InputError(f"{where}: {key} {text!r:.80} is no number") from None
         if key in _FILLED and found[-1] < 0.0:
-            raise InputError(f"{where}: its {key} limit is negative")
+            raise InputError(f"{where}: its {key} limit is {found[-1]:g}; give at least 0 (0: no limit)")
+        if key == _UNBOUNDED[0] and not found[-1] > 0.0:
+            raise InputError(f"{where}: its {key} limit is {found[-1]:g}; give one above 0, or leave it out")
     for key in _FILLED:  # engines refuse joints without them
         limit.set(key, limit.get(key, "0"))
     if joint.get("type") == "continuous":

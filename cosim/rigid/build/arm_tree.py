@@ -15,7 +15,7 @@ from cosim.errors import InputError
 
 FLANGE_NAMES: Final = ("attachment_site", "tool0", "flange")
 MOST_JOINTS: Final = 10
-ROOT: Final = "world"  # a link of this name is MuJoCo's world
+ROOT: Final = "world"  # a link of this name is MuJoCo's world body, which no joint may carry
 _MOST_NAMED: Final = 6
 _HANDLED: Final = {mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE}
 

@@ -13,6 +13,7 @@ from cosim.base.arm_file import ARMATURE, FIXED, ArmFile
 from cosim.base.frames import Array, Pose
 from cosim.config.arm_table import AdapterTable, BaseTable, RailTable, TurntableTable
 from cosim.errors import InputError
+from cosim.rigid.build.arm_tree import ROOT
 from cosim.rigid.build.urdf_elements import (
     add_cylinder,
     add_inertial,
@@ -23,7 +24,6 @@ from cosim.rigid.build.urdf_elements import (
 )
 
 ADAPTER: Final = "adapter"
-_WORLD: Final = "world"  # MuJoCo's world body, which no joint may carry
 _RADIUS_M: Final = 0.2  # of carriages, drawn and for their inertia
 _THICK_M: Final = 0.04  # of carriages
 _BEAM_M: Final = 0.05  # radius of the cylinder that shows a rail
@@ -119,10 +119,10 @@ def _root_of(robot: ElementTree.Element) -> str:
     """Return the name of the root link; a root called "world" is renamed, because MuJoCo reserves that."""
     children = {link_of(joint, "child") for joint in robot.iter("joint")}
     root = next(link for link in robot.iter("link") if link.get("name") not in children)
-    if root.get("name") == _WORLD:
+    if root.get("name") == ROOT:
         root.set("name", "arm_root")
         for parent in robot.iter("parent"):
-            if parent.get("link") == _WORLD:
+            if parent.get("link") == ROOT:
                 parent.set("link", "arm_root")
     return root.get("name", "")
 

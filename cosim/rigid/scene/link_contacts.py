@@ -131,10 +131,8 @@ class LinkContacts:
         self._reach_m = max(
             1.0, float(np.linalg.norm(own.body_pos[links], axis=1).sum() + _size(own, link_geom))
         )
-        self._seen_at, self._clearance_m = (
-            np.full(layout.positions.stop - layout.positions.start, np.inf),
-            0.0,
-        )
+        self._seen_at = np.full(layout.positions.stop - layout.positions.start, np.inf)
+        self._clearance_m = 0.0
         self._free = np.flatnonzero(own.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
 
     def at(

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose, SixNumbers, Wrench
-from cosim.base.solid import BodyShape
+from cosim.base.solid import BodyShape, MovableBody
 from cosim.base.state_checks import check_indices
 from cosim.errors import InputError
 from cosim.rigid.build import compiled_scene, engine
@@ -151,15 +151,11 @@ class RigidScene(coupled_scene.CoupledScene):
         return self._compiled.drawings[self.description.prefix].note
 
     @property
-    def objects(self) -> tuple[tuple[int, bool, tuple[float, ...]], ...]:
-        """Objects that can move: body, whether it is free, and ten mass properties.
-
-        These are mass [kg], centre (3,) [m] in the body's frame, and inertia xx, yy, zz, xy, xz, yz [kg m^2]
-        about that centre, body axes.
-        """
+    def objects(self) -> tuple[MovableBody, ...]:
+        """Objects that can move."""
         free = set(self._model.jnt_bodyid[self._model.jnt_type == mujoco.mjtJoint.mjJNT_FREE].tolist())
         bodies = self._layout.object_sensors[:, 0].tolist()
-        return tuple((body, body in free, _figures(self._model, body)) for body in bodies)
+        return tuple(MovableBody(body, body in free, _figures(self._model, body)) for body in bodies)
 
     @property
     def tick_s(self) -> float:
