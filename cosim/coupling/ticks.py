@@ -132,7 +132,7 @@ class TickLog(TickColumns):
         scene.read_touch(self.body_touch[k])
 
     def end_tick(self, reply: SoftReply, soft: SoftRobot, figures: Array) -> None:
-        """Fill the present tick's row with the soft robot's reply, and go on to the next row.
+        """Fill the present tick's row with the soft robot's reply, and continue with the next row.
 
         Args:
             reply: of the soft robot.

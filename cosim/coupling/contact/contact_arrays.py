@@ -118,6 +118,6 @@ class ContactLoads(NamedTuple):
 
     def clear(self) -> None:
         """Overwrite with the loads of no contact."""
-        for part in self[:-1]:
-            part.fill(0)
+        for array in self[:-1]:
+            array.fill(0)
         self.figures[:] = 0.0, 0.0, 0.0, 0.0, -1.0

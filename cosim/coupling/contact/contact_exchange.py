@@ -317,14 +317,16 @@ class ContactExchange:
         """
         self._sum_loads(x)
         ends, loads, prediction = self._contact_loads, self.loads, self.bodies.prediction
-        most = unchecked(contact_kernels.mismatch)(
+        largest_error = unchecked(contact_kernels.mismatch)(
             ends, loads, self.assumed, prediction.ahead, self.compliance, tolerance_N
         )
-        if not most <= 1.0:
-            most = self._pose_error_m(tick_s) / POSITION_TOLERANCE_M if most < np.inf else most
-        if most <= 1.0 and np.count_nonzero(ends.touched[prediction.ahead > 0]):
+        if not largest_error <= 1.0:
+            largest_error = (
+                self._pose_error_m(tick_s) / POSITION_TOLERANCE_M if largest_error < np.inf else largest_error
+            )
+        if largest_error <= 1.0 and np.count_nonzero(ends.touched[prediction.ahead > 0]):
             self.light_ticks += 1
-        return float(most)
+        return float(largest_error)
 
     def _pose_error_m(self, tick_s: float) -> float:
         """Return the largest error [m] of a predicted pose under the loads at the end of a step."""

@@ -45,12 +45,12 @@ def predict_poses(
             centers[b, r] = mass_center[b, r] + led(lead[b], mass_center[b], r)
     for g in range(geoms.geoms.shape[0]):
         geom = geoms.geoms[g]
-        place, moved, axes = geoms.places[geom], lead[geoms.body[g]], poses.rotation[g]
+        position, displacement, axes = geoms.places[geom], lead[geoms.body[g]], poses.rotation[g]
         for r in range(3):
-            poses.position[g, r] = place[r] + led(moved, place, r)
+            poses.position[g, r] = position[r] + led(displacement, position, r)
             for c in range(3):
                 axes[r, c] = geoms.axes[geom, 3 * r + c]
-        x, y, z = moved[3], moved[4], moved[5]  # rotation vector
+        x, y, z = displacement[3], displacement[4], displacement[5]  # rotation vector
         angle = math.sqrt(x * x + y * y + z * z)
         if angle < 1e-12:
             continue
@@ -72,15 +72,15 @@ def fastest_body(motions: BodyMotions, movable: Indices) -> float:
         motions: of all bodies.
         movable: (f,) bodies.
     """
-    most, flange, body = 0.0, small_vector(6), small_vector(6)
+    largest_square, flange, body = 0.0, small_vector(6), small_vector(6)
     fill_speed(motions, motions.flange, flange)
     for f in range(movable.shape[0]):
         b, square = movable[f], 0.0
         fill_speed(motions, b, body)
         for r in range(3):
             square += (led(body, motions.mass_center[b], r) - led(flange, motions.mass_center[b], r)) ** 2
-        most = max(most, square)
-    return math.sqrt(most)
+        largest_square = max(largest_square, square)
+    return math.sqrt(largest_square)
 
 
 @kernel
@@ -107,16 +107,16 @@ def extrapolate_loads(loads: BodyLoads, past: Matrix, assumed: Matrix) -> None:
 
 
 @device_function
-def _index_of(wanted: int, ascending: Indices) -> int:
+def _index_of(number: int, ascending: Indices) -> int:
     """Return the index of a number in an ascending list, -1 if absent; numpy's takes 0.5 s to compile."""
     low, high = 0, ascending.shape[0]
     while low < high:
         middle = (low + high) // 2
-        if ascending[middle] < wanted:
+        if ascending[middle] < number:
             low = middle + 1
         else:
             high = middle
-    return low if low < ascending.shape[0] and ascending[low] == wanted else -1
+    return low if low < ascending.shape[0] and ascending[low] == number else -1
 
 
 @kernel
@@ -268,19 +268,21 @@ def restore_memory(memory: ContactMemory, shapes: ShapeArrays, contacts: Contact
         contacts: filled.
     """
     for e in range(contacts.body.shape[0]):
-        found = _index_of(contacts.key[e], memory.key) if contacts.shape[e] >= 0 else -1
-        if found < 0:
+        index = _index_of(contacts.key[e], memory.key) if contacts.shape[e] >= 0 else -1
+        if index < 0:
             continue
         g = contacts.shape[e]
-        contacts.friction[e] = shapes.friction[g] * memory.normal_force[found]
+        contacts.friction[e] = shapes.friction[g] * memory.normal_force[index]
         for r in range(3):
             turned = 0.0
             for s in range(3):
-                turned += shapes.rotation[g, r, s] * memory.offset[found, s]
-            # a feature has moved under the film, whose point there is another one than before: the stretch
-            # continues from where it was
-            moved = contacts.carrier[e, r] - memory.position[found, r]
-            before = contacts.carrier[e, r] if contacts.triangle[e] < 0 else contacts.anchor[e, r] + moved
+                turned += shapes.rotation[g, r, s] * memory.offset[index, s]
+            # a feature has moved under the film and touches another point of it: the stretch continues from
+            # its last value
+            feature_motion = contacts.carrier[e, r] - memory.position[index, r]
+            before = (
+                contacts.carrier[e, r] if contacts.triangle[e] < 0 else contacts.anchor[e, r] + feature_motion
+            )
             contacts.anchor[e, r] = turned + before
 
 
@@ -348,9 +350,9 @@ def find_worst_hit(contacts: ContactPlanes, resolved: Vector, figures: Vector) -
     for e in range(contacts.body.shape[0]):
         body, speed = contacts.body[e], contacts.approach[e]
         if contacts.normal_force[e] > 0.0 and speed > 0.0:
-            way = resolved[body]
-            if figures[4] < 0.0 or speed * figures[3] > figures[2] * way:
-                figures[2], figures[3], figures[4] = speed, way, body
+            resolved_motion = resolved[body]
+            if figures[4] < 0.0 or speed * figures[3] > figures[2] * resolved_motion:
+                figures[2], figures[3], figures[4] = speed, resolved_motion, body
 
 
 @kernel
@@ -474,7 +476,7 @@ def mismatch(
             relative to the tolerance.
         tolerance: of the film's forces [N].
     """
-    most = 0.0
+    largest_error = 0.0
     for b in range(loads.loaded.shape[0]):
         if ahead[b] <= 0 or not (ends.touched[b] or loads.loaded[b]):
             continue
@@ -485,8 +487,8 @@ def mismatch(
         force, torque = math.sqrt(force), math.sqrt(torque)
         if compliance[b, 0] * tolerance > EXACTLY and force + torque > 0.0:  # too inexact to decide
             return np.inf
-        most = max(most, compliance[b, 0] * force, compliance[b, 1] * torque)
-    return most
+        largest_error = max(largest_error, compliance[b, 0] * force, compliance[b, 1] * torque)
+    return largest_error
 
 
 @kernel
@@ -532,7 +534,8 @@ def fastest_touched(
         x: (n, 3) [m], after a step.
         velocity: (n, 3) [m/s], then.
     """
-    flange, body, point, film, most = small_vector(6), small_vector(6), small_vector(3), small_vector(3), 0.0
+    flange, body, point, film = small_vector(6), small_vector(6), small_vector(3), small_vector(3)
+    fastest = 0.0
     fill_speed(motions, motions.flange, flange)
     for f in range(movable.shape[0]):
         b = movable[f]
@@ -551,5 +554,5 @@ def fastest_touched(
                 speed = led(body, point, r)
                 approach -= planes.normal[e, r] * (film[r] - speed)
                 square += (speed - led(flange, point, r)) ** 2
-            most = max(most, approach, math.sqrt(square) if loaded[b] else 0.0)
-    return most
+            fastest = max(fastest, approach, math.sqrt(square) if loaded[b] else 0.0)
+    return fastest

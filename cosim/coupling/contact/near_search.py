@@ -42,7 +42,7 @@ def furthest_in_shapes(x: Matrix, poses: ShapePoses, active: Indices, row: Indic
         row: (g,), row of each shape in `local`; -1 for an unlisted one, for which the result is infinite.
         local: (s, n, 3) [m], the nodes when the lists were built, in the frames of s shapes.
     """
-    most = 0.0
+    largest_square = 0.0
     for g in active:
         if row[g] < 0:
             return np.inf
@@ -52,8 +52,8 @@ def furthest_in_shapes(x: Matrix, poses: ShapePoses, active: Indices, row: Indic
             square = 0.0
             for r in range(3):
                 square += (turn[0, r] * dx + turn[1, r] * dy + turn[2, r] * dz - before[n, r]) ** 2
-            most = max(most, square)
-    return np.sqrt(most)
+            largest_square = max(largest_square, square)
+    return np.sqrt(largest_square)
 
 
 @final
@@ -73,8 +73,12 @@ class NearSearch:
         """Key of the first feature."""
         self._reach_m, self._behind_m = -np.inf, -np.inf  # for which the lists are complete
         self._row, self._local = np.full(len(query), -1), np.zeros((0, 0, 3))
-        none = np.zeros(0, np.int64)
-        self._set_lists(PointLists(none, np.zeros((0, 2), np.int64), none), none, TriangleLists(none, none))
+        no_indices = np.zeros(0, np.int64)
+        self._set_lists(
+            PointLists(no_indices, np.zeros((0, 2), np.int64), no_indices),
+            no_indices,
+            TriangleLists(no_indices, no_indices),
+        )
 
     def find(
         self, x: Array, extent: Extent, active: IntArray, bounds: tuple[float, float], memory: ContactMemory

@@ -179,9 +179,9 @@ class FilmRobot(soft_robot.SoftRobot):
         except BaseException:
             self._now = before
             raise
-        now = self._now
-        wrench = self._stepper.wrench(now.soft, now.flange)
-        return soft_step.SoftReply(wrench, now.residual_N, iterations, *self._work)
+        after = self._now
+        wrench = self._stepper.wrench(after.soft, after.flange)
+        return soft_step.SoftReply(wrench, after.residual_N, iterations, *self._work)
 
     @property
     def stepper(self) -> time_step.Stepper:
@@ -242,13 +242,13 @@ class FilmRobot(soft_robot.SoftRobot):
         accuracy: StepAccuracy | None,
     ) -> int:
         before = self.state
-        soft, result = self._stepper.step(before, *end, step_s, begin[0], accuracy)
-        self._now = FilmRobotState(soft, self.clamp, *end, result.residual_N)
+        soft, solution = self._stepper.step(before, *end, step_s, begin[0], accuracy)
+        self._now = FilmRobotState(soft, self.clamp, *end, solution.residual_N)
         if self.films is not None:
             self._work[0] += self.films.work_J
         after = self.state
         self._work[1] += self._film.lost_at_eyelets(after.positions, before.memory, after.memory)
-        return result.iterations
+        return solution.iterations
 
     def hang(self, world_from_flange: Pose, gravity: tuple[float, float, float]) -> Equilibrium:
         """Return the equilibrium without pressure and tension."""
@@ -291,10 +291,10 @@ class FilmRobot(soft_robot.SoftRobot):
             try:
                 return self.solve(state, world_from_flange, loads)
             except ConvergenceError as error:
-                spent = error.iterations
+                newton_iterations = error.iterations
             with self.effort.search("where it comes to rest"):
-                found = self.equilibrium_solver.slide(state, world_from_flange, loads)
-        return replace(found, iterations=spent + found.iterations)
+                equilibrium = self.equilibrium_solver.slide(state, world_from_flange, loads)
+        return replace(equilibrium, iterations=newton_iterations + equilibrium.iterations)
 
     def state_at_rest(self, positions: Array, world_from_flange: Pose) -> SoftState:
         """Return a shape (n, 3) [m] as a state at rest, with hinge angles tracked from the drawn shape."""
@@ -356,12 +356,12 @@ class FilmRobot(soft_robot.SoftRobot):
     ) -> Result:
         """Return a function of a shape at rest; the film and the solver of steps are not changed."""
         film, state = self._film, SoftState.at_rest(shape, self.state.memory, self.state.touching)
-        serving, memory = film.reusable_pattern, film.memory.copy()
+        pattern, memory = film.reusable_pattern, film.memory.copy()
         films = self.films
         pairs = None if films is None or films.is_deferred(state) else films.static_pairs(shape)
-        result = function(self._tester, state, loads.with_films(pairs), world_from_flange.rotation)
-        film.reusable_pattern, film.memory[:] = serving, memory
-        return result
+        value = function(self._tester, state, loads.with_films(pairs), world_from_flange.rotation)
+        film.reusable_pattern, film.memory[:] = pattern, memory
+        return value
 
     def overlap(self, shape: Array) -> branching.FilmOverlap | None:
         return None if self.films is not None else self._overlap_check.overlap(shape)

@@ -296,23 +296,26 @@ class Interface:
         self.update_figures()
         k, flange, state = log.done, self.scene.flange, self._state
         a, b, c, *speed = flange.spin.tolist()
-        answer, moving = wrench_numbers(reply.wrench), (*speed, a, b, c)
-        acting = self._acting if acted is None else wrench_numbers(acted)
-        about_world = about_origin(answer, self.scene.flange_pose.translation)
-        force_N = max(abs(answer[0]), abs(answer[1]), abs(answer[2]))
-        log.rigid_power_W[k], log.soft_power_W[k] = work_rate(acting, moving), -work_rate(answer, moving)
-        log.power_size_W[k] = _size(answer, moving)
+        reply_wrench, twist = wrench_numbers(reply.wrench), (*speed, a, b, c)
+        acting_wrench = self._acting if acted is None else wrench_numbers(acted)
+        about_world = about_origin(reply_wrench, self.scene.flange_pose.translation)
+        force_N = max(abs(reply_wrench[0]), abs(reply_wrench[1]), abs(reply_wrench[2]))
+        log.rigid_power_W[k], log.soft_power_W[k] = (
+            work_rate(acting_wrench, twist),
+            -work_rate(reply_wrench, twist),
+        )
+        log.power_size_W[k] = _size(reply_wrench, twist)
         if self.contact is None:
             transferred = TransferredLoads(about_world, ZERO_LOAD, force_N, 0.0)
         else:
             *on_bodies, size_N, normal_N = self._bodies.transferred.tolist()
             transferred = TransferredLoads(about_world, tuple(on_bodies), force_N, size_N, normal_N)
-            touched = self.contact.report
-            log.contacts[k], log.contact_work_J[k] = touched.count, touched.work_J
+            contact_report = self.contact.report
+            log.contacts[k], log.contact_work_J[k] = contact_report.count, contact_report.work_J
             log.contact_force_N[k] = state.transferred.bodies_normal_N
-            log.contact_depth_m[k], log.contact_ratio[k] = touched.depth_m, self.contact_ratio
-            log.hit_m_s[k], log.hit_way_m[k] = touched.hit_m_s, touched.hit_way_m
-            log.hit_body[k] = touched.hit_body
+            log.contact_depth_m[k], log.contact_ratio[k] = contact_report.depth_m, self.contact_ratio
+            log.hit_m_s[k], log.hit_way_m[k] = contact_report.hit_m_s, contact_report.hit_way_m
+            log.hit_body[k] = contact_report.hit_body
         self._state = InterfaceState(state.wrench, transferred, state.ratio, state.ticks + 1)
         log.stability_ratio[k] = state.ratio
         log.end_tick(reply, self.soft, self.figures)

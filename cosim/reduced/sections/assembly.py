@@ -106,7 +106,7 @@ def assemble(
     work: ChainWork,
     hessian: bool,
 ) -> float:
-    """Fill the gradient (f, 6) and, if asked to, the Hessian's blocks; return the potential [J]."""
+    """Fill the gradient (f, 6) and, with `hessian`, the Hessian's blocks; return the potential [J]."""
     energy = add_frames(frames, chain, inertia_term, gradient, work, hessian)
     energy += add_sections(frames, chain, gradient, work, hessian)
     energy += add_cables(frames, chain, gradient, work, hessian)

@@ -1,4 +1,4 @@
-"""Arrays of a chain of rigid frames: what it consists of, its loads, and the blocks of its tangent. A frame
+"""Arrays of a chain of rigid frames: sections, loads, and the blocks of its tangent. A frame
 is four points (4, 3): its origin r [m] and its three unit axes a_i. A change (dr, phi) of a frame moves r by
 dr and turns its axes by exp(S(phi)); all derivatives are exact for that, with the second order of f .
 exp(S(phi)) v being phi^T [(f v^T + v f^T) / 2 - (f . v) 1] phi / 2. Kernels get whole arrays and an index,
@@ -89,9 +89,9 @@ class ChainWork(NamedTuple):
 
 
 @device_function
-def add_skew(block: Blocks, f: int, place: tuple[int, int], x: float, y: float, z: float) -> None:
+def add_skew(block: Blocks, f: int, corner: tuple[int, int], x: float, y: float, z: float) -> None:
     """Add S((x, y, z)) to a 3 x 3 part of block f that begins at a row and column."""
-    row, column = place
+    row, column = corner
     block[f, row, column + 1] -= z
     block[f, row, column + 2] += y
     block[f, row + 1, column] += z

@@ -96,12 +96,12 @@ def gas_volumes(
     """
     energy, length, gas, near = tables.energy, tables.length, tables.gas, tables.near
     sections = length.shape[1]
-    own = sections // out.shape[1]
+    sections_per_copy = sections // out.shape[1]
     out[:] = 0.0
     terms, value, slope = small_matrix(2, TERMS), np.empty(energy.shape[1]), np.empty(energy.shape[1])
     coefficients, rates = value.reshape(sections, -1), slope.reshape(sections, -1)
-    inverse_length, length_rate, rest = np.empty(sections), np.empty(sections), 0.0
-    x, d, gradient, none = small_vector(6), small_vector(3), small_vector(6), small_matrix(0, 6)
+    inverse_length, length_rate, gas_slope = np.empty(sections), np.empty(sections), 0.0
+    x, d, gradient, no_hessian = small_vector(6), small_vector(3), small_vector(6), small_matrix(0, 6)
     for k in range(len(frames)):
         if k == 0 or pressures[k] != pressures[k - 1]:
             first = active_terms(pressures[k], spline, terms)
@@ -109,18 +109,18 @@ def gas_volumes(
             weighted_rows(energy, first, terms[1], slope)
             weighted_rows(length, first, terms[0], inverse_length)
             weighted_rows(length, first, terms[1], length_rate)
-            rest = 0.0
+            gas_slope = 0.0
             for t in range(TERMS):
-                rest += terms[1, t] * gas[first + t]
+                gas_slope += terms[1, t] * gas[first + t]
             for s in range(sections):
                 inverse_length[s] = 1.0 / inverse_length[s]
         for s in range(sections):
-            copy = s // own
+            copy = s // sections_per_copy
             section_strains(frames[k], near[s], d, x)
-            section_energy(coefficients, s, x, inverse_length[s], gradient, none)
+            section_energy(coefficients, s, x, inverse_length[s], gradient, no_hessian)
             # z = u_3 / L - 1 moves with L
             out[k, copy] += gradient[2] * x[2] * inverse_length[s] * length_rate[s]
-            out[k, copy] -= section_energy(rates, s, x, inverse_length[s], gradient, none)
-            out[k, copy] -= add_gaps(rates, s, x, tables.rims[s], gradient, none)
+            out[k, copy] -= section_energy(rates, s, x, inverse_length[s], gradient, no_hessian)
+            out[k, copy] -= add_gaps(rates, s, x, tables.rims[s], gradient, no_hessian)
         for copy in range(out.shape[1]):
-            out[k, copy] -= rest
+            out[k, copy] -= gas_slope

@@ -14,17 +14,17 @@ WEIGHTS, NORMAL, OFFSET, STIFFNESS, FRICTION, ANCHOR, COLUMNS = 0, 8, 11, 12, 13
 @device_function
 def add_contacts(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWork, hessian: bool) -> float:
     """Add all contacts; return their energy [J]."""
-    first, rows, widths, energy = chain.touching, chain.rows, chain.widths, 0.0
-    if first.shape[0] == 0:
+    frame_before, rows, widths, energy = chain.touching, chain.rows, chain.widths, 0.0
+    if frame_before.shape[0] == 0:
         return energy
-    point, own, tangent = small_vector(3), small_vector(3), small_matrix(3, 3)
-    arm, jac, turned = small_matrix(2, 3), zero_matrix(3, 12), small_matrix(3, 12)
-    for k in range(first.shape[0]):
-        f = first[k]
+    point, point_gradient, tangent = small_vector(3), small_vector(3), small_matrix(3, 3)
+    arm, jac, stiff_jac = small_matrix(2, 3), zero_matrix(3, 12), small_matrix(3, 12)
+    for k in range(frame_before.shape[0]):
+        f = frame_before[k]
         _place(frames, f, rows, k, arm, point)
         level, _, _ = touch(
             point, rows[k, NORMAL:OFFSET], rows[k, OFFSET], rows[k, STIFFNESS], rows[k, FRICTION],
-            rows[k, ANCHOR:], widths, own, tangent,
+            rows[k, ANCHOR:], widths, point_gradient, tangent,
         )  # fmt: skip
         if level == 0.0 and rows[k, FRICTION] == 0.0:
             continue
@@ -32,8 +32,8 @@ def add_contacts(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWor
         for side in range(2):
             for r in range(3):
                 i, j = (r + 1) % 3, (r + 2) % 3
-                out[f + side, r] += rows[k, WEIGHTS + 4 * side] * own[r]
-                out[f + side, 3 + r] += arm[side, i] * own[j] - arm[side, j] * own[i]
+                out[f + side, r] += rows[k, WEIGHTS + 4 * side] * point_gradient[r]
+                out[f + side, 3 + r] += arm[side, i] * point_gradient[j] - arm[side, j] * point_gradient[i]
         if hessian:
             for side in range(2):  # d point / d (dr, phi) of both frames: [w 1, -S(q)]
                 for r in range(3):
@@ -41,11 +41,11 @@ def add_contacts(frames: Blocks, chain: LoadedChain, out: Matrix, work: ChainWor
                     jac[r, 6 * side + r] = rows[k, WEIGHTS + 4 * side]
                     jac[r, 6 * side + 3 + i] = arm[side, j]
                     jac[r, 6 * side + 3 + j] = -arm[side, i]
-            _stiffen(f, jac, tangent, turned, work)
+            _stiffen(f, jac, tangent, stiff_jac, work)
             for side in range(2):  # the second order of the rotations
                 for r in range(3):
                     for c in range(3):
-                        tangent[r, c] = own[r] * arm[side, c]
+                        tangent[r, c] = point_gradient[r] * arm[side, c]
                 add_turning(work.diagonal, f + side, tangent, 1.0)
     return energy
 
@@ -65,15 +65,17 @@ def _place(frames: Blocks, f: int, rows: Matrix, k: int, arm: Matrix, point: Vec
 
 
 @device_function
-def _stiffen(f: int, jac: Matrix, tangent: Matrix, turned: Matrix, work: ChainWork) -> None:
+def _stiffen(f: int, jac: Matrix, tangent: Matrix, stiff_jac: Matrix, work: ChainWork) -> None:
     """Add J^T K J to the blocks of frames f and f + 1."""
     diagonal, off = work.diagonal, work.off
     for k in range(12):
         for r in range(3):
-            turned[r, k] = tangent[r, 0] * jac[0, k] + tangent[r, 1] * jac[1, k] + tangent[r, 2] * jac[2, k]
+            stiff_jac[r, k] = (
+                tangent[r, 0] * jac[0, k] + tangent[r, 1] * jac[1, k] + tangent[r, 2] * jac[2, k]
+            )
     for i in range(6):
         for k in range(6):
             for r in range(3):
-                diagonal[f, i, k] += jac[r, i] * turned[r, k]
-                diagonal[f + 1, i, k] += jac[r, 6 + i] * turned[r, 6 + k]
-                off[f + 1, i, k] += jac[r, 6 + i] * turned[r, k]
+                diagonal[f, i, k] += jac[r, i] * stiff_jac[r, k]
+                diagonal[f + 1, i, k] += jac[r, 6 + i] * stiff_jac[r, 6 + k]
+                off[f + 1, i, k] += jac[r, 6 + i] * stiff_jac[r, k]

@@ -32,7 +32,7 @@ def center_and_inertia(figures: Array) -> tuple[Array, Array]:
 def fill_figures(frames: Blocks, free: Flags, mass: Blocks, gradient: Matrix, out: Vector) -> None:
     """Fill out (FIGURES,): the wrench on the flange at its origin, centre and inertia of the mass.
 
-    The support of held frames exerts the gradient (f, 6) of the potential; the flange bears the opposite.
+    The support of held frames exerts the gradient (f, 6) of the potential; the opposite acts on the flange.
     """
     for k in range(CENTER):
         out[k] = 0.0

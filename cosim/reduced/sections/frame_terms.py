@@ -21,19 +21,19 @@ def add_frames(
 ) -> float:
     """Fill gradient and diagonal blocks with dead loads and the inertia term; return their energy [J]."""
     load, mass, target = chain.load, chain.mass, inertia_term.target
-    force, turn, off = small_matrix(4, 3), small_matrix(3, 3), small_matrix(4, 3)
+    force, turn, deviation = small_matrix(4, 3), small_matrix(3, 3), small_matrix(4, 3)
     energy = 0.0
     for f in range(frames.shape[0]):
         for a in range(4):
             for r in range(3):
-                off[a, r] = frames[f, a, r] - target[f, a, r]
+                deviation[a, r] = frames[f, a, r] - target[f, a, r]
         for a in range(4):
             for r in range(3):
                 pull = inertia_term.coefficient * (
-                    mass[f, a, 0] * off[0, r] + mass[f, a, 1] * off[1, r]
-                    + mass[f, a, 2] * off[2, r] + mass[f, a, 3] * off[3, r]
+                    mass[f, a, 0] * deviation[0, r] + mass[f, a, 1] * deviation[1, r]
+                    + mass[f, a, 2] * deviation[2, r] + mass[f, a, 3] * deviation[3, r]
                 )  # fmt: skip
-                energy += 0.5 * pull * off[a, r] - load[f, a, r] * frames[f, a, r]
+                energy += 0.5 * pull * deviation[a, r] - load[f, a, r] * frames[f, a, r]
                 force[a, r] = pull - load[f, a, r]
         for r in range(3):
             for c in range(3):

@@ -22,10 +22,10 @@ _FUNCTIONS: Final = GAP_INTERVALS + 3
 
 
 @device_function
-def _cubic(c: Matrix, s: int, first: int, place: float) -> tuple[float, float, float]:
+def _cubic(c: Matrix, s: int, first: int, position: float) -> tuple[float, float, float]:
     """Return value, slope and curvature of the spline c[s, first:], knots one apart, at a place."""
-    at = min(max(int(place), 0), GAP_INTERVALS - 1)
-    u = place - at
+    at = min(max(int(position), 0), GAP_INTERVALS - 1)
+    u = position - at
     v, k = 1.0 - u, first + at
     a, b, d, e = c[s, k], c[s, k + 1], c[s, k + 2], c[s, k + 3]
     value = a * v * v * v + b * (3.0 * u * u * u - 6.0 * u * u + 4.0)
@@ -47,7 +47,7 @@ def _place(rim: Matrix, kind: int, i: int) -> tuple[float, float]:
 
 @device_function
 def add_gaps(c: Matrix, s: int, x: Vector, rim: Matrix, gradient: Vector, hessian: Matrix) -> float:
-    """Return F, infinite where rims overlap; add its gradient and, if asked to, its Hessian.
+    """Return F, infinite where rims overlap; add its gradient and, unless `hessian` is empty, its Hessian.
 
     Args:
         c: (sections, COEFFICIENTS or more).
@@ -55,7 +55,7 @@ def add_gaps(c: Matrix, s: int, x: Vector, rim: Matrix, gradient: Vector, hessia
         x: (6,) strains.
         rim: (n, 2) [m], corners of the frames; zero, or (0, 2), for none.
         gradient: (6,).
-        hessian: (6, 6), or (0, 6) where none is asked for.
+        hessian: (6, 6); (0, 6) if it is not needed.
     """
     energy = 0.0
     if rim.shape[0] == 0 or rim[0, 0] == 0.0 == rim[0, 1]:

@@ -42,10 +42,10 @@ class PressureSpline(NamedTuple):
 
         Beyond the range the functions are linear in p.
         """
-        found, terms = np.zeros((2, self.size)), np.empty((2, TERMS))
+        values_and_slopes, terms = np.zeros((2, self.size)), np.empty((2, TERMS))
         first = active_terms(pressure_Pa, self, terms)
-        found[:, first : first + TERMS] = terms
-        return found
+        values_and_slopes[:, first : first + TERMS] = terms
+        return values_and_slopes
 
     def fill(self, pressure_Pa: float, table: Array, out: Array) -> None:
         """Fill out (m,) with the values of splines of coefficients (size, m) at a pressure."""
@@ -62,9 +62,9 @@ def active_terms(pressure: float, spline: PressureSpline, out: Matrix) -> int:
     largest, intervals = spline.largest_Pa, spline.intervals
     inside = largest if pressure > largest else pressure if pressure > 0.0 else 0.0
     span = math.asinh(largest / _SCALE_Pa) / intervals
-    place = math.asinh(inside / _SCALE_Pa) / span
-    first = min(int(place), intervals - 1)
-    u = place - first
+    position = math.asinh(inside / _SCALE_Pa) / span
+    first = min(int(position), intervals - 1)
+    u = position - first
     v = 1.0 - u
     slope = 1.0 / (6.0 * span * math.sqrt(inside * inside + _SCALE_Pa * _SCALE_Pa))
     out[0, 0] = v * v * v / 6.0

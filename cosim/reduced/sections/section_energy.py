@@ -32,7 +32,7 @@ def _polynomial(c: Matrix, s: int, first: int, order: int, z: float) -> tuple[fl
 def section_energy(
     c: Matrix, s: int, x: Vector, inverse_length: float, gradient: Vector, hessian: Matrix
 ) -> float:
-    """Return F; fill its gradient (6,) and, if asked to, its Hessian (6, 6) with respect to the strains.
+    """Return F; fill its gradient (6,) and, unless `hessian` is empty, Hessian (6, 6) by the strains.
 
     Args:
         c: (sections, COEFFICIENTS or more).
@@ -40,7 +40,7 @@ def section_energy(
         x: (6,) strains.
         inverse_length: 1 / L [1/m].
         gradient: (6,).
-        hessian: (6, 6), or (0, 6) where none is asked for.
+        hessian: (6, 6); (0, 6) if it is not needed.
     """
     u1, u2, w1, w2, w3 = x[0], x[1], x[3], x[4], x[5]
     z = x[2] * inverse_length - 1.0
@@ -127,12 +127,12 @@ def basis(strains: Matrix, inverse_length: Vector, rim: Matrix, values: Matrix, 
     count = values.shape[1]
     unit = np.zeros((1, count))
     gradient = small_vector(6)
-    none = small_matrix(0, 6)
+    no_hessian = small_matrix(0, 6)
     for i in range(strains.shape[0]):
         for k in range(count):
             unit[0, k] = 1.0
-            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, none)
-            values[i, k] += add_gaps(unit, 0, strains[i], rim, gradient, none)
+            values[i, k] = section_energy(unit, 0, strains[i], inverse_length[i], gradient, no_hessian)
+            values[i, k] += add_gaps(unit, 0, strains[i], rim, gradient, no_hessian)
             unit[0, k] = 0.0
             for r in range(6):
                 gradients[i, r, k] = gradient[r]

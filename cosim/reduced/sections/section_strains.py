@@ -45,11 +45,13 @@ def _add_pull(
         force = 0.5 * (lean[0, r] + lean[1, r])
         out[s, r] -= force
         out[s + 1, r] += force
-        one = 0.5 * (g[5] * frames[s, 2, r] - g[4] * frames[s, 3, r])
-        two = 0.5 * (g[3] * frames[s, 3, r] - g[5] * frames[s, 1, r])
-        three = 0.5 * (g[4] * frames[s, 1, r] - g[3] * frames[s, 2, r])
+        pull_1 = 0.5 * (g[5] * frames[s, 2, r] - g[4] * frames[s, 3, r])
+        pull_2 = 0.5 * (g[3] * frames[s, 3, r] - g[5] * frames[s, 1, r])
+        pull_3 = 0.5 * (g[4] * frames[s, 1, r] - g[3] * frames[s, 2, r])
         for c in range(3):
-            turn[r, c] = one * frames[s + 1, 1, c] + two * frames[s + 1, 2, c] + three * frames[s + 1, 3, c]
+            turn[r, c] = (
+                pull_1 * frames[s + 1, 1, c] + pull_2 * frames[s + 1, 2, c] + pull_3 * frames[s + 1, 3, c]
+            )
     for r in range(3):
         i, k = (r + 1) % 3, (r + 2) % 3
         moment = turn[i, k] - turn[k, i]
@@ -70,7 +72,7 @@ def _add_stiffness(frames: Blocks, s: int, d: Vector, h: Matrix, diagonal: Block
     jac (6, 9) is d strains / d (r_b, phi_a, phi_b); r_a has the opposite sign of r_b. Its last three rows
     are zero by r_b, and by phi_b the opposite of those by phi_a.
     """
-    jac, turned = small_matrix(6, 9), small_matrix(6, 9)
+    jac, h_jac = small_matrix(6, 9), small_matrix(6, 9)
     for i in range(3):
         j, k = (i + 1) % 3 + 1, (i + 2) % 3 + 1
         for r in range(3):
@@ -84,18 +86,18 @@ def _add_stiffness(frames: Blocks, s: int, d: Vector, h: Matrix, diagonal: Block
             )  # fmt: skip
     for i in range(6):
         for k in range(9):
-            turned[i, k] = h[i, 0] * jac[0, k] + h[i, 1] * jac[1, k] + h[i, 2] * jac[2, k]
+            h_jac[i, k] = h[i, 0] * jac[0, k] + h[i, 1] * jac[1, k] + h[i, 2] * jac[2, k]
         for k in range(3):
             bent = h[i, 3] * jac[3, 3 + k] + h[i, 4] * jac[4, 3 + k] + h[i, 5] * jac[5, 3 + k]
-            turned[i, 3 + k] += bent
-            turned[i, 6 + k] -= bent
+            h_jac[i, 3 + k] += bent
+            h_jac[i, 6 + k] -= bent
     b = s + 1
     for i in range(3):
         for k in range(3):
             # by r_b and r_b, phi_a, phi_b
-            rr = _product(jac, turned, 0, i, k)
-            ra = _product(jac, turned, 0, i, 3 + k)
-            rb = _product(jac, turned, 0, i, 6 + k)
+            rr = _product(jac, h_jac, 0, i, k)
+            ra = _product(jac, h_jac, 0, i, 3 + k)
+            rb = _product(jac, h_jac, 0, i, 6 + k)
             diagonal[s, i, k] += rr
             diagonal[b, i, k] += rr
             off[b, i, k] = -rr
@@ -107,10 +109,10 @@ def _add_stiffness(frames: Blocks, s: int, d: Vector, h: Matrix, diagonal: Block
             off[b, 3 + k, i] = -rb
     for i in range(3, 6):
         for k in range(3, 6):
-            bent_a, bent_b = _product(jac, turned, 3, i, k), _product(jac, turned, 3, i, 3 + k)
-            diagonal[s, i, k] += _product(jac, turned, 0, i, k) + bent_a
-            off[b, k, i] = _product(jac, turned, 0, i, 3 + k) + bent_b
-            diagonal[b, i, k] += _product(jac, turned, 0, 3 + i, 3 + k) - bent_b
+            bent_a, bent_b = _product(jac, h_jac, 3, i, k), _product(jac, h_jac, 3, i, 3 + k)
+            diagonal[s, i, k] += _product(jac, h_jac, 0, i, k) + bent_a
+            off[b, k, i] = _product(jac, h_jac, 0, i, 3 + k) + bent_b
+            diagonal[b, i, k] += _product(jac, h_jac, 0, 3 + i, 3 + k) - bent_b
 
 
 @device_function
@@ -153,8 +155,8 @@ def add_sections(
     for s in range(c.shape[0]):
         f = chain.near[s]
         section_strains(frames, f, d, x)
-        place = x[2] * inverse_length[s] - 1.0
-        if not (c[s, LOW] <= place <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
+        stretch = x[2] * inverse_length[s] - 1.0
+        if not (c[s, LOW] <= stretch <= c[s, HIGH] and x[3] * x[3] + x[4] * x[4] <= c[s, BENT]):
             return np.inf
         energy += section_energy(c, s, x, inverse_length[s], g, h)
         energy += add_gaps(c, s, x, chain.rims[s], g, h)

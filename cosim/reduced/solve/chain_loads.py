@@ -44,7 +44,7 @@ def fill_rows(
         for i in range(NORMAL):
             rows[k, i] = 0.0
         for a in range(3):
-            # a node on the second frame of its contact is the first of its own two, and of that one alone
+            # a node on the contact's second frame has that frame as the first of its two, with all its weight
             node, weight = nodes[a], planes.weights[k, a]
             shift = before[node] - f
             for i in range(4):
@@ -62,13 +62,13 @@ def fill_rows(
 
 
 def nothing_touched() -> tuple[IntArray, Array, Array]:
-    """Return what represents no contact in a `LoadedChain`."""
+    """Return the arrays of no contact for a `LoadedChain`."""
     return np.zeros(0, np.int64), np.zeros((0, COLUMNS)), np.ones(2)
 
 
 @final
 class ChainLoads:
-    """Keeps what acts on one chain; only what has changed is computed again.
+    """Loads on one chain; only changed ones are computed again.
 
     `losses_follow_shape` says whether the tension of a cable's segments depends on the shape.
 

@@ -61,7 +61,7 @@ class ChainTask(NamedTuple):
         motion, (base, target) = self.begin.motion, np.empty((2, *self.clamp.offsets.shape))
         earlier = motion if self.begin.earlier is None else self.begin.earlier
         x, v, x_before, v_before, into, unused = (
-            part.reshape(-1, 3) for part in (*motion, *earlier, base, target)
+            points.reshape(-1, 3) for points in (*motion, *earlier, base, target)
         )
         fill_inertia_target(x, v, x_before, v_before, v, self.scheme.coefficients, into, unused)
         return InertiaTerm(self.scheme.inertia, base)
@@ -139,19 +139,21 @@ class ChainSolver:
         self, task: ChainTask, loads: Loads, start: int | Array, pressure_Pa: float
     ) -> ChainStep:
         clamp, scheme, begin, flange, factor = task
-        result = np.empty((2, *clamp.offsets.shape))
-        gradient, figures = np.empty((len(result[0]), 6)), np.empty(FIGURES)
-        motion = result if begin is None else begin.motion
+        end_motion = np.empty((2, *clamp.offsets.shape))
+        gradient, figures = np.empty((len(end_motion[0]), 6)), np.empty(FIGURES)
+        motion = end_motion if begin is None else begin.motion
         earlier = None if begin is None else begin.earlier
-        near = motion[0]
+        first_frames = motion[0]
         if not isinstance(start, int):
-            result[0] = start
-            near, start = result[0], GIVEN
+            end_motion[0] = start
+            first_frames, start = end_motion[0], GIVEN
         elif self.loads.losses_follow_shape:
-            near = near + scheme.h * motion[1]
+            first_frames = first_frames + scheme.h * motion[1]
         work = self.work if factor is None else factor.work
-        side = ChainSide(self.loads.acting(loads, pressure_Pa, near), clamp.free, clamp.offsets, work)
-        ends = ChainEnds(motion, motion if earlier is None else earlier, flange, result, gradient, figures)
+        side = ChainSide(self.loads.acting(loads, pressure_Pa, first_frames), clamp.free, clamp.offsets, work)
+        ends = ChainEnds(
+            motion, motion if earlier is None else earlier, flange, end_motion, gradient, figures
+        )
         reused = factor is not None and factor.is_of(clamp, scheme.coefficients)
         outcome, iterations, residual, reusable, potential, shifted = unchecked(solve_chain)(
             side, scheme, ends, start, reused
@@ -159,7 +161,7 @@ class ChainSolver:
         if factor is not None:
             factor.keep(reusable, clamp, scheme.coefficients)
         return ChainStep(
-            ChainState(result, pressure_Pa, None if begin is None else motion), gradient, figures,
+            ChainState(end_motion, pressure_Pa, None if begin is None else motion), gradient, figures,
             OUTCOMES[outcome], iterations, residual, potential, shifted,
         )  # fmt: skip
 

@@ -103,7 +103,7 @@ class ChainSide(NamedTuple):
     """A chain, how it is held, and its workspace.
 
     Args:
-        chain: and what acts on it.
+        chain: with its loads.
         free: (f,) frames that can move.
         offsets: (f, 4, 3), of held frames in the flange's; in statics without meaning.
         work: scratch, and a factor that may be reused.
@@ -144,18 +144,18 @@ class ChainEnds(NamedTuple):
     """Where a solution begins and ends.
 
     Args:
-        here: (2, f, 4, 3), points and their velocities where a step begins.
+        begin: (2, f, 4, 3), points and their velocities at the start of a step.
         earlier: (2, f, 4, 3), the same one step earlier.
         flange: (4, 3), its origin and axes at the end.
-        there: (2, f, 4, 3), filled: at the end.
-        gradient: (f, 6) [N, N m], filled: of the potential there, inertia included.
+        end: (2, f, 4, 3), points and their velocities at the end; filled.
+        gradient: (f, 6) [N, N m], of the potential at the end, inertia included; filled.
         figures: (FIGURES,), filled, see `fill_figures`.
     """
 
-    here: Cubes
+    begin: Cubes
     earlier: Cubes
     flange: Matrix
-    there: Cubes
+    end: Cubes
     gradient: Matrix
     figures: Vector
 
@@ -175,7 +175,7 @@ def _residual(gradient: Matrix, free: Flags, lever: float) -> float:
 
 @device_function
 def _fill_step(side: ChainSide, gradient: Matrix, lever: float, renewed: bool) -> tuple[float, float, float]:
-    """Fill the step along a tangent; `renewed`: of which a new factor is made first.
+    """Fill the step of a tangent; with `renewed` its factor is computed first.
 
     Returns the least shift [N/m] tried that makes it definite, or one too large; the potential's slope along
     the step, and the factor that bounds it.
@@ -207,29 +207,29 @@ def _minimise(
 
     The factor of an earlier tangent is used, where there is one, while the residual falls fast enough.
     """
-    frames, gradient, work, tolerance = ends.there[0], ends.gradient, side.work, scheme.tolerance_N
+    frames, gradient, work, tolerance = ends.end[0], ends.gradient, side.work, scheme.tolerance_N
     copy(frames.reshape(-1), work.trial.reshape(-1))
     iterations = shifted = tries = uses = 0
     energy = residual = slope = factor = 0.0
     # numba would compile everything again for a literal
-    renew, judged, old, definite, outcome = not reused, iterations > 0, reused, reused, GOES_ON
+    renew, judged, factor_is_old, definite, outcome = not reused, iterations > 0, reused, reused, GOES_ON
     while outcome == GOES_ON:
-        value = assembly.assemble(work.trial, side.chain, coefficients, gradient, work, renew)
+        trial_energy = assembly.assemble(work.trial, side.chain, coefficients, gradient, work, renew)
         before, residual = residual, _residual(gradient, side.free, scheme.lever_m)
         # a step is accepted that has lowered the potential as it should, or the residual by far
-        most = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
-        accepted = np.isfinite(value) and (value <= most or residual < 0.1 * before)
+        largest_energy = energy + 1e-4 * (factor * slope) + 1e-13 * (1.0 + abs(energy))
+        accepted = np.isfinite(trial_energy) and (trial_energy <= largest_energy or residual < 0.1 * before)
         if judged and not accepted:
             residual, tries, factor = before, tries + 1, 0.5 * factor
-            if old:  # a new tangent, where the step began
+            if factor_is_old:  # a new tangent, where the step began
                 copy(frames.reshape(-1), work.trial.reshape(-1))
-                renew, judged, old = True, False, False
+                renew, judged, factor_is_old = True, False, False
             elif tries < _HALVINGS_MAX:
                 chain_shape.change_frames(frames, work.step, factor, work.trial)
             else:
                 outcome = NO_DESCENT
             continue
-        energy = value
+        energy = trial_energy
         copy(work.trial.reshape(-1), frames.reshape(-1))
         if not (np.isfinite(residual) and np.isfinite(energy)):
             outcome = NOT_FINITE
@@ -239,8 +239,8 @@ def _minimise(
             outcome = LIMIT
         if outcome != GOES_ON:
             break
-        if judged and not (old and residual * residual <= tolerance * before):
-            renew, judged, old = True, False, False
+        if judged and not (factor_is_old and residual * residual <= tolerance * before):
+            renew, judged, factor_is_old = True, False, False
             continue
         iterations += 1
         shift, slope, factor = _fill_step(side, gradient, scheme.lever_m, renew)
@@ -255,21 +255,25 @@ def _minimise(
 @device_function
 def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
     """Fill the frames at the end where Newton's method starts, the held ones where the flange has them."""
-    here, flange, out, twists, free = ends.here, ends.flange, ends.there[0], ends.gradient, side.free
-    frames, arm, offsets = here[0], small_vector(3), side.offsets
+    begin_points, flange, end_frames, twists = ends.begin, ends.flange, ends.end[0], ends.gradient
+    free = side.free
+    frames, arm, offsets = begin_points[0], small_vector(3), side.offsets
     if start == FREE_FLIGHT:
-        for f in range(out.shape[0]):
+        for f in range(end_frames.shape[0]):
             for r in range(3):
                 i, k = (r + 1) % 3, (r + 2) % 3
-                twists[f, r] = here[1, f, 0, r]
+                twists[f, r] = begin_points[1, f, 0, r]
                 spin = 0.0
                 for a in range(1, 4):
-                    spin += here[0, f, a, i] * here[1, f, a, k] - here[0, f, a, k] * here[1, f, a, i]
+                    spin += (
+                        begin_points[0, f, a, i] * begin_points[1, f, a, k]
+                        - begin_points[0, f, a, k] * begin_points[1, f, a, i]
+                    )
                 twists[f, 3 + r] = 0.5 * spin
-        chain_shape.change_frames(frames, twists, h, out)
+        chain_shape.change_frames(frames, twists, h, end_frames)
     elif start == STANDING:
-        copy(frames.reshape(-1), out.reshape(-1))
-    for f in range(out.shape[0]):
+        copy(frames.reshape(-1), end_frames.reshape(-1))
+    for f in range(end_frames.shape[0]):
         if free[f] and start != CARRIED:
             continue
         for a in range(4):
@@ -279,46 +283,50 @@ def _start(side: ChainSide, ends: ChainEnds, h: float, start: int) -> None:
                     from_origin = frames[f, a, r] - (frames[0, 0, r] if a == 0 else 0.0)
                     arm[i] += from_origin * frames[0, i + 1, r]
             for r in range(3):
-                out[f, a, r] = arm[0] * flange[1, r] + arm[1] * flange[2, r] + arm[2] * flange[3, r]
+                end_frames[f, a, r] = arm[0] * flange[1, r] + arm[1] * flange[2, r] + arm[2] * flange[3, r]
                 if a == 0:
-                    out[f, a, r] += flange[0, r]
+                    end_frames[f, a, r] += flange[0, r]
 
 
 @device_function
-def _fill_carried(before: Blocks, after: Blocks, held: int, moved: Blocks) -> None:
-    """Fill moved (f, 4, 3), the displacements of the points in a rigid motion with a held frame."""
+def _fill_carried(before: Blocks, after: Blocks, held_frame: int, displacements: Blocks) -> None:
+    """Fill displacements (f, 4, 3) of the points in a rigid motion with a held frame."""
     turn = small_matrix(3, 3)
     for r in range(3):
         for c in range(3):
             turn[r, c] = 0.0
             for a in range(1, 4):
-                turn[r, c] += after[held, a, r] * before[held, a, c]
+                turn[r, c] += after[held_frame, a, r] * before[held_frame, a, c]
     for f in range(before.shape[0]):
         for a in range(4):
             for r in range(3):
-                moved[f, a, r] = -before[f, a, r] + (after[held, 0, r] if a == 0 else 0.0)
+                displacements[f, a, r] = -before[f, a, r] + (after[held_frame, 0, r] if a == 0 else 0.0)
                 for c in range(3):
-                    moved[f, a, r] += turn[r, c] * (before[f, a, c] - (before[held, 0, c] if a == 0 else 0.0))
+                    displacements[f, a, r] += turn[r, c] * (
+                        before[f, a, c] - (before[held_frame, 0, c] if a == 0 else 0.0)
+                    )
 
 
 @device_function
 def _follow_flange(side: ChainSide, ends: ChainEnds, coefficients: StepCoefficients) -> None:
-    """Fill `along` in the workspace with the velocity of points that would go along with the flange.
+    """Fill `along` in the workspace with the velocity of points that move rigidly with the flange.
 
     It is (X - a) / s with X and a made in the same way from carried points and from points.
     """
-    along, one, two = side.work.along, side.work.trial, side.work.target
-    held = 0
-    while held < side.free.shape[0] and side.free[held]:
-        held += 1
-    if held == side.free.shape[0]:
+    along, room, earlier_room = side.work.along, side.work.trial, side.work.target
+    held_frame = 0
+    while held_frame < side.free.shape[0] and side.free[held_frame]:
+        held_frame += 1
+    if held_frame == side.free.shape[0]:
         return
-    _fill_carried(ends.here[0], ends.there[0], held, one)
+    _fill_carried(ends.begin[0], ends.end[0], held_frame, room)
     if coefficients.two_steps:
-        _fill_carried(ends.earlier[0], ends.there[0], held, two)
+        _fill_carried(ends.earlier[0], ends.end[0], held_frame, earlier_room)
     points = 4 * along.shape[0], 3
-    moved, before = one.reshape(points), two.reshape(points)
-    fill_inertia_target(moved, moved, before, before, moved, coefficients, along.reshape(points), moved)
+    carried, earlier = room.reshape(points), earlier_room.reshape(points)
+    fill_inertia_target(
+        carried, carried, earlier, earlier, carried, coefficients, along.reshape(points), carried
+    )
     for f in range(along.shape[0]):
         for a in range(4):
             for r in range(3):
@@ -328,7 +336,7 @@ def _follow_flange(side: ChainSide, ends: ChainEnds, coefficients: StepCoefficie
 @device_function
 def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
     """Add the reaction of the flange to damping, M alpha (v - u), to the wrench in the figures."""
-    frames, velocity, mass, along = ends.there[0], ends.there[1], side.chain.mass, side.work.along
+    frames, velocity, mass, along = ends.end[0], ends.end[1], side.chain.mass, side.work.along
     force, out = small_vector(3), ends.figures
     for f in range(frames.shape[0]):
         for a in range(4):
@@ -349,7 +357,7 @@ def _add_damping(side: ChainSide, ends: ChainEnds, damping: float) -> None:
 def solve_chain(
     side: ChainSide, scheme: ChainScheme, ends: ChainEnds, start: int, reused: bool
 ) -> tuple[int, int, float, bool, float, int]:
-    """Find an equilibrium near the frames in `ends`, or take one step in time.
+    """Find an equilibrium near the frames in `ends`, or solve one step in time.
 
     Args:
         side: chain, loads and clamp.
@@ -362,7 +370,7 @@ def solve_chain(
         Outcome, iterations, residual [N], whether the factor that is left may be reused by the next solution,
         potential [J], number of iterations with an indefinite tangent.
     """
-    here, earlier, frames, base = ends.here, ends.earlier, ends.there[0], ends.there[1]
+    begin_points, earlier, frames, base = ends.begin, ends.earlier, ends.end[0], ends.end[1]
     coefficients, work, steps = scheme.coefficients, side.work, scheme.inertia > 0.0
     if steps:
         _start(side, ends, scheme.h, start)
@@ -370,11 +378,11 @@ def solve_chain(
             _follow_flange(side, ends, coefficients)
         points = 4 * base.shape[0], 3
         fill_inertia_target(
-            here[0].reshape(points), here[1].reshape(points), earlier[0].reshape(points),
+            begin_points[0].reshape(points), begin_points[1].reshape(points), earlier[0].reshape(points),
             earlier[1].reshape(points), work.along.reshape(points), coefficients, base.reshape(points),
             work.target.reshape(points),
         )  # fmt: skip
-    found = _minimise(side, scheme, InertiaTerm(scheme.inertia, work.target), ends, reused)
+    result = _minimise(side, scheme, InertiaTerm(scheme.inertia, work.target), ends, reused)
     for f in range(base.shape[0]):
         for a in range(4):
             for r in range(3):
@@ -382,4 +390,4 @@ def solve_chain(
     figures.fill_figures(frames, side.free, side.chain.mass, ends.gradient, ends.figures)
     if steps and coefficients.alpha_s > 0.0:
         _add_damping(side, ends, coefficients.alpha_s / coefficients.span)
-    return found
+    return result

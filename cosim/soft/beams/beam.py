@@ -72,7 +72,7 @@ class BeamWork(NamedTuple):
         second: (m, 9, 9), the same twice.
         jacobian: (m, 9, 9), of the measures by v and the turns of both nodes.
         hessian: (m, 9, 9), of the energy by these.
-        pull: (3,), derivative by t at one end, or what a director meets.
+        pull: (3,), derivative by t at one end, or by a director.
         product: (9, 9), second times jacobian.
     """
 
@@ -125,16 +125,16 @@ def bowing(begin: float, end: float) -> float:
 
 
 @inlined
-def by_bow(here: float, there: float) -> float:
-    """Return the derivative of that by theta_k of one end."""
-    return (4.0 * here - there) / 30.0
+def by_bow(this_angle: float, other_angle: float) -> float:
+    """Return the derivative of `bowing` by theta_k of one end."""
+    return (4.0 * this_angle - other_angle) / 30.0
 
 
 @inlined
 def twist(sine: float, cosine: float) -> tuple[float, float, float]:
     """Return phi and its derivatives by S and C."""
-    over = 1.0 / (sine * sine + cosine * cosine)
-    return math.copysign(full_angle(abs(sine), cosine), sine), cosine * over, -sine * over
+    inverse_square = 1.0 / (sine * sine + cosine * cosine)
+    return math.copysign(full_angle(abs(sine), cosine), sine), cosine * inverse_square, -sine * inverse_square
 
 
 @device_function
@@ -155,15 +155,15 @@ def fill_second(rigidities: Vector, lengths: Vector, w: BeamWork) -> None:
                 second[c, s] += by_turn * factor[a, 1]
                 for b in range(2):
                     for j in range(2):
-                        other = 2 + 3 * b + j
-                        value = lengths[e] * by_bow(w.turn[e, b, j], w.turn[e, 1 - b, j]) * along * bow
+                        other_s = 2 + 3 * b + j
+                        term = lengths[e] * by_bow(w.turn[e, b, j], w.turn[e, 1 - b, j]) * along * bow
                         if k == j:
-                            bending, same = 2.0 * rigidities[1 + k] / lengths[e], a == b
-                            value += w.first[e, STRETCH] * lengths[e] / 30.0 * (4.0 if same else -1.0)
-                            value += bending * (2.0 if same else 1.0)
-                        second[s, other] = value * factor[a, 0] * factor[b, 0]
-                        second[c, other] += value * by_c * factor[b, 0]
-                        second[c, 1 + 3 * b] += value * by_c * factor[b, 1] * m[other]
+                            bending, same_end = 2.0 * rigidities[1 + k] / lengths[e], a == b
+                            term += w.first[e, STRETCH] * lengths[e] / 30.0 * (4.0 if same_end else -1.0)
+                            term += bending * (2.0 if same_end else 1.0)
+                        second[s, other_s] = term * factor[a, 0] * factor[b, 0]
+                        second[c, other_s] += term * by_c * factor[b, 0]
+                        second[c, 1 + 3 * b] += term * by_c * factor[b, 1] * m[other_s]
         for r in range(1, 7):
             second[r, STRETCH] = second[STRETCH, r]
             if r not in (1, 4):
@@ -192,19 +192,19 @@ SIZE: Final = LANES * (24 + 2 * 33)
 
 @device_function
 def lane_of(e: int) -> int:
-    """Return where the quantities of a beam begin."""
+    """Return the index of a beam's first quantity."""
     return e // LANES * SIZE + e % LANES
 
 
 @inlined
 def three(s: Vector, at: int) -> tuple[float, float, float]:
-    """Return a vector of a lane."""
+    """Return a vector of a lane, from its index."""
     return s[at], s[at + LANES], s[at + 2 * LANES]
 
 
 @inlined
 def put(s: Vector, at: int, vector: tuple[float, float, float]) -> None:
-    """Write a vector of a lane."""
+    """Set a vector of a lane, at its index."""
     s[at], s[at + LANES], s[at + 2 * LANES] = vector
 
 
@@ -219,8 +219,8 @@ def _turned(
     p1 = q[1] + a * q[0] + b * q[3] - c * q[2]
     p2 = q[2] + b * q[0] + c * q[1] - a * q[3]
     p3 = q[3] + c * q[0] + a * q[2] - b * q[1]
-    over = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
-    return over * p0, over * p1, over * p2, over * p3
+    inverse_norm = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
+    return inverse_norm * p0, inverse_norm * p1, inverse_norm * p2, inverse_norm * p3
 
 
 @inlined
@@ -244,14 +244,14 @@ def _measure_end(s: Vector, lane: int, end: int, fraction: float) -> None:
     p = _turned(q, scaled(0.5 * fraction, three(s, STEP + at)))
     s[TRIAL + at], s[TRIAL + LANES + at], s[TRIAL + 2 * LANES + at], s[TRIAL + 3 * LANES + at] = p
     x, y, z = _rotation(p)
-    one, two, last = (
+    drawn_1, drawn_2, drawn_3 = (
         three(s, DRAWN + lane),
         three(s, DRAWN + 3 * LANES + lane),
         three(s, DRAWN + 6 * LANES + lane),
     )
-    d1 = dot(x, one), dot(y, one), dot(z, one)
-    d2 = dot(x, two), dot(y, two), dot(z, two)
-    d3 = dot(x, last), dot(y, last), dot(z, last)
+    d1 = dot(x, drawn_1), dot(y, drawn_1), dot(z, drawn_1)
+    d2 = dot(x, drawn_2), dot(y, drawn_2), dot(z, drawn_2)
+    d3 = dot(x, drawn_3), dot(y, drawn_3), dot(z, drawn_3)
     put(s, DIRECTORS + at, d1)
     put(s, DIRECTORS + 3 * LANES + at, d2)
     put(s, DIRECTORS + 6 * LANES + at, d3)
@@ -263,14 +263,14 @@ def _measure_end(s: Vector, lane: int, end: int, fraction: float) -> None:
 
 @inlined
 def _strain(stretch: float, s: Vector, lane: int) -> float:
-    """Fill angles, strain and the derivatives by l and v that come of it; return the energy."""
+    """Fill angles, strain, and its share in the derivatives by l and v; return the energy of stretching."""
     for at in (lane, SECOND + lane):
         factor = s[FACTOR + at]
         s[BENT + at] = factor * s[MEASURES + LANES + at]
         s[BENT + LANES + at] = factor * s[MEASURES + 2 * LANES + at]
-    drawn, other = s[DRAWN_LENGTH + lane], SECOND + lane
-    strain = s[LENGTH + lane] / drawn - 1.0 + bowing(s[BENT + lane], s[BENT + other])
-    strain += bowing(s[BENT + LANES + lane], s[BENT + LANES + other])
+    drawn, far_lane = s[DRAWN_LENGTH + lane], SECOND + lane
+    strain = s[LENGTH + lane] / drawn - 1.0 + bowing(s[BENT + lane], s[BENT + far_lane])
+    strain += bowing(s[BENT + LANES + lane], s[BENT + LANES + far_lane])
     pull = stretch * strain
     s[STRAIN + lane], s[PULL + lane] = strain, pull
     put(s, FORCE + lane, scaled(pull, three(s, DIRECTION + lane)))
@@ -279,18 +279,18 @@ def _strain(stretch: float, s: Vector, lane: int) -> float:
 
 @inlined
 def _bend(second: float, third: float, s: Vector, lane: int, end: int) -> float:
-    """Fill what one end's measures give of all derivatives; return its part of the energy of bending."""
-    at, there = end + lane, SECOND - end + lane
+    """Fill the derivatives by one end's measures; return its part of the energy of bending."""
+    at, other_end = end + lane, SECOND - end + lane
     t, length = three(s, DIRECTION + lane), s[DRAWN_LENGTH + lane]
-    pull, over = s[PULL + lane] * length, 2.0 / length
+    pull, two_over_length = s[PULL + lane] * length, 2.0 / length
     turn2, turn3, other2, other3 = (
         s[BENT + at],
         s[BENT + LANES + at],
-        s[BENT + there],
-        s[BENT + LANES + there],
+        s[BENT + other_end],
+        s[BENT + LANES + other_end],
     )
-    moment2 = over * second * (2.0 * turn2 + other2)
-    moment3 = over * third * (2.0 * turn3 + other3)
+    moment2 = two_over_length * second * (2.0 * turn2 + other2)
+    moment3 = two_over_length * third * (2.0 * turn3 + other3)
     energy = 0.5 * (moment2 * turn2 + moment3 * turn3)
     moment2 += pull * by_bow(turn2, other2)
     moment3 += pull * by_bow(turn3, other3)
@@ -309,10 +309,10 @@ def _bend(second: float, third: float, s: Vector, lane: int, end: int) -> float:
 
 @inlined
 def _twist(torsion: float, s: Vector, lane: int) -> float:
-    """Fill S and C, and add what they give of all derivatives; return the energy of twisting."""
-    other, stiffness = SECOND + lane, torsion / s[DRAWN_LENGTH + lane]
+    """Fill S and C, and add the derivatives by them; return the energy of twisting."""
+    far_lane, stiffness = SECOND + lane, torsion / s[DRAWN_LENGTH + lane]
     b2, b3 = three(s, DIRECTORS + 3 * LANES + lane), three(s, DIRECTORS + 6 * LANES + lane)
-    e2, e3 = three(s, DIRECTORS + 3 * LANES + other), three(s, DIRECTORS + 6 * LANES + other)
+    e2, e3 = three(s, DIRECTORS + 3 * LANES + far_lane), three(s, DIRECTORS + 6 * LANES + far_lane)
     sine, cosine = dot(b3, e2) - dot(b2, e3), dot(b2, e2) + dot(b3, e3)
     phi, by_sine, by_cosine = twist(sine, cosine)
     by_sine, by_cosine = stiffness * phi * by_sine, stiffness * phi * by_cosine
@@ -322,7 +322,7 @@ def _twist(torsion: float, s: Vector, lane: int) -> float:
     meets3 = added(scaled(by_cosine, e3), scaled(by_sine, e2))
     moment = added(cross(b2, meets2), cross(b3, meets3))
     put(s, MOMENT + lane, added(three(s, MOMENT + lane), moment))
-    put(s, MOMENT + other, added(three(s, MOMENT + other), scaled(-1.0, moment)))
+    put(s, MOMENT + far_lane, added(three(s, MOMENT + far_lane), scaled(-1.0, moment)))
     return 0.5 * stiffness * phi * phi
 
 
@@ -352,7 +352,7 @@ def differentiate(rigidities: Vector, s: Vector, fraction: float) -> None:
 
 @device_function
 def _read_lanes(s: Vector, w: BeamWork) -> None:
-    """Fill what the groups hold of all beams, factors of angles, and the derivatives of the measures."""
+    """Copy all beams' quantities from the groups; fill factors of angles and derivatives of measures."""
     for e in range(w.hessian.shape[0]):
         lane, first, m = lane_of(e), w.first[e], w.measures[e]
         m[STRETCH], first[STRETCH] = s[LENGTH + lane], s[PULL + lane]
@@ -389,14 +389,14 @@ def _read_lanes(s: Vector, w: BeamWork) -> None:
 
 @device_function
 def _add_by_turned_chords(w: BeamWork, whole: bool) -> None:
-    """Add to the Hessians, whole or by turns alone, what the second derivatives of l, c, s_2 and s_3 give."""
+    """Add to the Hessians, whole or by turns alone, the second derivatives of l, c, s_2 and s_3."""
     pull = w.pull
     for e in range(w.hessian.shape[0]):
-        h, t, d, over = w.hessian[e], w.direction[e], w.directors[e], 1.0 / w.measures[e, STRETCH]
+        h, t, d, inverse_length = w.hessian[e], w.direction[e], w.directors[e], 1.0 / w.measures[e, STRETCH]
         if whole:
             for r in range(3):
                 for c in range(3):
-                    h[r, c] += w.first[e, STRETCH] * over * ((1.0 if r == c else 0.0) - t[r] * t[c])
+                    h[r, c] += w.first[e, STRETCH] * inverse_length * ((1.0 if r == c else 0.0) - t[r] * t[c])
         for a in range(2):
             first, along, turn = 1 + 3 * a, 0.0, 3 + 3 * a
             for r in range(3):
@@ -406,27 +406,29 @@ def _add_by_turned_chords(w: BeamWork, whole: bool) -> None:
                 along += pull[r] * t[r]
             for r in range(3):
                 for c in range(3):
-                    one, sym = 1.0 if r == c else 0.0, pull[r] * t[c] + t[r] * pull[c]
-                    h[turn + r, turn + c] += 0.5 * sym - along * one
+                    identity, sym = 1.0 if r == c else 0.0, pull[r] * t[c] + t[r] * pull[c]
+                    h[turn + r, turn + c] += 0.5 * sym - along * identity
                     if whole:
-                        h[r, c] -= over * over * (sym + along * (one - 3.0 * t[r] * t[c]))
+                        h[r, c] -= (
+                            inverse_length * inverse_length * (sym + along * (identity - 3.0 * t[r] * t[c]))
+                        )
             for c in range(3 if whole else 0):  # dt . (w x pull) = w . (pull x dt), dt = (1 - t t^T) dv / l
                 p, q = (c + 1) % 3, (c + 2) % 3
                 across = pull[p] * t[q] - pull[q] * t[p]
                 for r in range(3):
-                    value = -over * across * t[r]
+                    term = -inverse_length * across * t[r]
                     if r == q:
-                        value += over * pull[p]
+                        term += inverse_length * pull[p]
                     elif r == p:
-                        value -= over * pull[q]
-                    h[turn + c, r] += value
-                    h[r, turn + c] += value
+                        term -= inverse_length * pull[q]
+                    h[turn + c, r] += term
+                    h[r, turn + c] += term
 
 
 @device_function
 def _add_by_twists(w: BeamWork) -> None:
-    """Add to the Hessians what the second derivatives of S and C give."""
-    meets = w.pull  # the sum of the directors of the second end that d_k of the first meets in S and C
+    """Add the second derivatives of S and C to the Hessians."""
+    meets = w.pull  # derivative of S and C by d_k of the first end
     for e in range(w.hessian.shape[0]):
         h, d, first = w.hessian[e], w.directors[e], w.first[e]
         for k in range(1, 3):
@@ -436,11 +438,11 @@ def _add_by_twists(w: BeamWork) -> None:
                 dot += d[0, k, r] * meets[r]
             for r in range(3):
                 for c in range(3):
-                    one = dot if r == c else 0.0
-                    sym = 0.5 * (d[0, k, r] * meets[c] + meets[r] * d[0, k, c]) - one
+                    diagonal = dot if r == c else 0.0
+                    sym = 0.5 * (d[0, k, r] * meets[c] + meets[r] * d[0, k, c]) - diagonal
                     h[3 + r, 3 + c] += sym
                     h[6 + r, 6 + c] += sym
-                    cross = one - meets[r] * d[0, k, c]
+                    cross = diagonal - meets[r] * d[0, k, c]
                     h[3 + r, 6 + c] += cross
                     h[6 + c, 3 + r] += cross
 
@@ -454,12 +456,12 @@ def fill_hessians(rigidities: Vector, lengths: Vector, s: Vector, w: BeamWork, w
         lengths: (m,) [m], drawn.
         s: the beams in groups, one per lane.
         w: `BeamWork`.
-        whole: all of them, or what belongs to the turns alone.
+        whole: whether to fill them wholly; otherwise only the derivatives by turns.
     """
     _read_lanes(s, w)
     fill_second(rigidities, lengths, w)
     begin, product = 0 if whole else 3, w.product
-    for e in range(w.hessian.shape[0]):  # what the first derivatives of the measures give
+    for e in range(w.hessian.shape[0]):  # products of first derivatives of the measures
         jacobian, second, hessian = w.jacobian[e], w.second[e], w.hessian[e]
         hessian[begin:, begin:] = 0.0
         for k in range(COUNT):

@@ -49,7 +49,7 @@ def _cross_columns(axes: Matrix, a: int, b: int, into: int) -> None:
 
 @device_function
 def place_step(lanes: Vector, places: Indices, step: Vector) -> None:
-    """Hand a step to the groups."""
+    """Copy a step to the groups."""
     for n in range(lanes.shape[0] // beam.SIZE * beam.LANES):
         e = min(n, places.shape[0] - 2)
         s, begin, end = lanes[lane_of(n) :], step[places[e] :], step[places[e + 1] :]
@@ -59,7 +59,7 @@ def place_step(lanes: Vector, places: Indices, step: Vector) -> None:
 
 @device_function
 def accept(s: Vector) -> None:
-    """Make the trial quaternions the turns."""
+    """Accept the trial quaternions as the turns."""
     for first in range(0, s.shape[0], beam.SIZE):
         for k in range(4 * beam.LANES):
             s[first + beam.TURNS + k] = s[first + beam.TRIAL + k]
@@ -72,14 +72,14 @@ _HALVINGS_MAX = 12
 _LARGEST_TURN = 0.5  # [rad] in one step
 SMALL_TURN: Final = 1e-11
 SMALL_TURN_REUSED: Final = 1e-12
-"""In statics with a factor from before: there steps shrink by a share each, not with the square."""
+"""In statics with a reused factor: each step shrinks by a constant factor, not quadratically."""
 SMALL_TURN_IN_MOTION: Final = 3e-9
-"""Where steps in time ask for newtons alone: a beam of 4 mm x 2.5 GPa, 25 mm long, answers with 4e-7 N."""
+"""In steps in time, where only forces matter: for a beam of 4 mm x 2.5 GPa, 25 mm long, it is 4e-7 N."""
 _STUCK_TURN = 1e-3
 _POWERS = 8
 _UNSTABLE_TURN = 0.02
-_SHRINKS = 0.03  # a new factor takes as long as some three steps
-_ROUNDED_TURN = 1e-8  # what it changes of the energy is lost in rounding
+_SHRINKS = 0.03  # a new factor takes as long as about three steps
+_ROUNDED_TURN = 1e-8  # its change of the energy is below rounding
 
 
 class BeamArrays(NamedTuple):
@@ -90,7 +90,7 @@ class BeamArrays(NamedTuple):
         directors: (f, m, 3, 3), d1, d2, d3 of the beam from each node to the next, in axes of the ring.
         lengths: (f, m) [m], drawn.
         rigidities: (4,), see `RectangularSection`.
-        moving: whether they are in a step in time, which asks for newtons alone.
+        moving: whether they are in a step in time, where only forces matter.
     """
 
     rings: IndexTable
@@ -106,7 +106,7 @@ class RingWork(NamedTuple):
     Args:
         axes: (3, 3), of the ring, as columns.
         places: (m + 1,), where the turn of each node begins; the last is the first.
-        lanes: its beams in groups, see `beam`; those to spare are as the last one.
+        lanes: its beams in groups, see `beam`; spare lanes repeat the last beam.
         moment: (3 m,) [N m], derivative by the turns.
         band: (3 m, 9), of second derivatives by the turns.
         factor: (3 m, 9), its Cholesky factor.
@@ -126,7 +126,7 @@ class RingWork(NamedTuple):
 
 @allocating
 def ring_work(m: int) -> RingWork:
-    """Return the scratch of rings of m nodes; what stays zero in it is zero."""
+    """Return the scratch of rings of m nodes; entries that are never written are zero."""
     places = np.empty(m + 1, np.int64)
     for i in range(m + 1):
         places[i] = 3 * place_in_band(i % m, m)
@@ -143,9 +143,9 @@ def ring_work(m: int) -> RingWork:
 
 @device_function
 def _sum_beams(beams: BeamArrays, f: int, w: RingWork, fraction: float, hessian: bool, whole: bool) -> float:
-    """Sum all beams after the step's fraction, with the band if told to; return the energy [J].
+    """Sum all beams after the step's fraction, with `hessian` also the band; return the energy [J].
 
-    The beams' own Hessians are filled with it: wholly, or what belongs to the turns alone.
+    The Hessian of each beam is filled as well: wholly, or only the derivatives by turns.
     """
     band, moment, energy = w.band, w.moment, 0.0
     for first in range(0, w.lanes.shape[0], beam.SIZE):
@@ -178,7 +178,7 @@ def _sum_beams(beams: BeamArrays, f: int, w: RingWork, fraction: float, hessian:
 
 @device_function
 def _fill_step(factor: Matrix, moment: Vector, step: Vector) -> tuple[float, float]:
-    """Fill the step that the factor gives; return its largest entry and its slope."""
+    """Fill the step from the factor; return its largest entry and the energy's slope along it."""
     for i in range(step.shape[0]):
         step[i] = -moment[i]
     forward(factor, step)
@@ -193,7 +193,7 @@ def _fill_step(factor: Matrix, moment: Vector, step: Vector) -> tuple[float, flo
 
 @device_function
 def _fill_unstable_step(w: RingWork) -> tuple[float, float]:
-    """Fill a step the way the energy curves down most, away from a saddle; return what `_fill_step` does."""
+    """Fill a step along the most negative curvature, away from a saddle; return the same as `_fill_step`."""
     for i in range(w.step.shape[0]):
         w.step[i] = 1.0 + 0.1 * (i % 7)  # along no symmetry
     for _ in range(_POWERS):
@@ -213,11 +213,11 @@ def _fill_unstable_step(w: RingWork) -> tuple[float, float]:
 
 @device_function
 def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: float, reused: bool) -> float:
-    """Bring the turns of ring f into balance from those that it has; return the energy [J], or infinity.
+    """Find the turns of ring f in equilibrium, from the present ones; return the energy [J], or infinity.
 
-    Afterwards `w` holds turns and first derivatives there; if told to, second ones too, and the factor of
-    those by the turns. The search ends with an error of `small` [rad]; with `reused` it begins with
-    the factor that is in `w`.
+    Afterwards `w` holds the turns and the first derivatives there; with `hessian` also the second derivatives
+    and the factor of those by turns. The search ends at an error of `small` [rad]; with `reused` it starts
+    with the factor in `w`.
     """
     stiffest = 0.0
     for e in range(beams.lengths.shape[1]):
@@ -225,7 +225,7 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
     w.step[:] = 0.0
     place_step(w.lanes, w.places, w.step)
     energy, shift, last = _sum_beams(beams, f, w, 0.0, not reused, hessian), 0.0, 1.0
-    fresh, done = not reused, False
+    fresh, converged = not reused, False
     for _ in range(_STEPS_MAX):
         if fresh:
             shift = 0.0
@@ -233,7 +233,7 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
                 shift = max(4.0 * shift, 1e-3 * stiffest)
                 if not shift < 1e9 * stiffest:
                     return np.inf
-        if done and shift == 0.0:
+        if converged and shift == 0.0:
             return energy
         largest, slope = _fill_step(w.factor, w.moment, w.step)
         if not hessian and shift == 0.0 and largest < small:
@@ -245,18 +245,18 @@ def balance_turns(beams: BeamArrays, f: int, w: RingWork, hessian: bool, small: 
         if reused:  # its convergence is not known yet
             last, reused = max(largest, 1e-300) / _SHRINKS, False
         # a factor that converges well is reused; the remaining error shrinks as the steps do
-        done = shift == 0.0 and largest * min(1.0, largest / last) < small
-        fresh = (done and hessian) if shrinks or done else True
+        converged = shift == 0.0 and largest * min(1.0, largest / last) < small
+        fresh = (converged and hessian) if shrinks or converged else True
         place_step(w.lanes, w.places, w.step)
         for _ in range(_HALVINGS_MAX):
             energy = _sum_beams(beams, f, w, fraction, fresh, hessian)
             lower = energy <= before + 1e-4 * fraction * slope + 1e-12 * before
             if lower or largest < _ROUNDED_TURN:
                 break
-            fraction, fresh, done = 0.5 * fraction, True, False
+            fraction, fresh, converged = 0.5 * fraction, True, False
         last = max(largest, 1e-300)
         accept(w.lanes)
-        if done and not fresh:
+        if converged and not fresh:
             return energy
     return np.inf
 
@@ -266,7 +266,7 @@ BAND: Final = 9
 
 @device_function
 def place_in_band(node: int, count: int) -> int:
-    """Return the place of a node of a ring of so many."""
+    """Return the position in the band of a node, of a ring of `count` nodes."""
     if node == 0:
         return 0
     return 2 * node - 1 if 2 * node <= count else 2 * (count - node)
@@ -292,7 +292,7 @@ def factorise(band: Matrix, shift: float, factor: Matrix) -> bool:
 
 @device_function
 def _lower(factor: Matrix, values: Vector, i: int, reach: int) -> float:
-    """Solve row i of L for its value; `reach` rows before it are there."""
+    """Solve row i of L for its value, with `reach` rows before it."""
     row, before, value = factor[i], values[i - reach :], values[i]
     for k in range(reach):
         value -= row[reach - k] * before[k]
@@ -301,7 +301,7 @@ def _lower(factor: Matrix, values: Vector, i: int, reach: int) -> float:
 
 @device_function
 def _upper(factor: Matrix, values: Vector, i: int, reach: int) -> float:
-    """Solve row i of L^T for its value; `reach` rows after it are there."""
+    """Solve row i of L^T for its value, with `reach` rows after it."""
     rows, after, value = factor[i:], values[i:], values[i]
     for k in range(reach, 0, -1):
         value -= rows[k, k] * after[k]
@@ -310,16 +310,16 @@ def _upper(factor: Matrix, values: Vector, i: int, reach: int) -> float:
 
 @device_function
 def forward(factor: Matrix, values: Vector) -> None:
-    """Turn values (3 m,) into L^-1 values."""
+    """Replace values (3 m,) by L^-1 values."""
     for i in range(BAND - 1):
         values[i] = _lower(factor, values, i, i)
-    for i in range(BAND - 1, factor.shape[0]):  # as many steps in each row: what is known is unrolled
+    for i in range(BAND - 1, factor.shape[0]):  # rows of constant length, whose loop is unrolled
         values[i] = _lower(factor, values, i, BAND - 1)
 
 
 @device_function
 def backward(factor: Matrix, values: Vector) -> None:
-    """Turn values (3 m,) into L^-T values."""
+    """Replace values (3 m,) by L^-T values."""
     rows = factor.shape[0]
     for i in range(rows - 1, rows - BAND, -1):
         values[i] = _upper(factor, values, i, rows - 1 - i)
@@ -328,29 +328,29 @@ def backward(factor: Matrix, values: Vector) -> None:
 
 
 REMEMBERED: Final = 4 + 3 * BAND
-"""Numbers that a ring remembers for each of its nodes: all turns, then the factor of the tangent by them."""
+"""Numbers per node in the memory of a ring: first all turns, then the factor of the tangent by turns."""
 
 
 @device_function
 def _read_memory(x: Matrix, beams: BeamArrays, f: int, memory: Vector, w: RingWork) -> bool:
-    """Lay ring f with the turns and fill the factor that it remembers; return whether there is a factor."""
+    """Fill geometry, turns and factor of ring f from its memory; return whether it has a factor."""
     ring, count, factor = beams.rings[f], beams.rings.shape[1], w.factor.reshape(w.factor.size)
     start = REMEMBERED * f * count
     fill_axes(x, ring, w.axes)
     for n in range(w.lanes.shape[0] // beam.SIZE * beam.LANES):
         e = min(n, count - 1)
-        other = e + 1 if e + 1 < count else 0
+        following = e + 1 if e + 1 < count else 0
         s, directors, length = w.lanes[lane_of(n) :], beams.directors[f, e], beams.lengths[f, e]
-        here, there = x[np.uint64(ring[e])], x[np.uint64(ring[other])]
-        chord = there[0] - here[0], there[1] - here[1], there[2] - here[2]
+        near_node, far_node = x[np.uint64(ring[e])], x[np.uint64(ring[following])]
+        chord = far_node[0] - near_node[0], far_node[1] - near_node[1], far_node[2] - near_node[2]
         s[beam.DRAWN_LENGTH], s[beam.LENGTH] = length, math.sqrt(dot(chord, chord))
-        over = 1.0 / s[beam.LENGTH]
+        inverse_length = 1.0 / s[beam.LENGTH]
         for c in range(3):
             along = w.axes[0, c] * chord[0] + w.axes[1, c] * chord[1] + w.axes[2, c] * chord[2]
-            s[beam.DIRECTION + c * beam.LANES] = over * along
+            s[beam.DIRECTION + c * beam.LANES] = inverse_length * along
             for k in range(3):
                 s[beam.DRAWN + (3 * k + c) * beam.LANES] = directors[k, c]
-        begin, end = memory[start + 4 * e :], memory[start + 4 * other :]
+        begin, end = memory[start + 4 * e :], memory[start + 4 * following :]
         for r in range(4):
             s[beam.TURNS + r * beam.LANES], s[beam.SECOND + beam.TURNS + r * beam.LANES] = begin[r], end[r]
     for i in range(factor.shape[0]):
@@ -392,7 +392,7 @@ def _fill_matrix(w: RingWork, mixed: Matrix, matrix: Matrix) -> None:
 
 @device_function
 def _add_matrix(w: RingWork, slots: Indices, matrix: Matrix, blocks: Blocks) -> None:
-    """Add the lower triangle of a matrix in axes of the ring to blocks in those of the world."""
+    """Add the lower triangle of a matrix in axes of the ring to blocks in world axes."""
     axes, count = w.axes, w.beams.hessian.shape[0]
     block, half = small_matrix(3, 3), small_matrix(3, 3)
     for a in range(count):
@@ -415,28 +415,30 @@ def add_beam_rings(
 ) -> float:
     """Add all rings to gradient and, if slots is not empty, their Hessian to blocks.
 
-    The search for the turns begins at those in memory (REMEMBERED f m,), and without a Hessian with the
-    factor there, if there is one; it ends sooner in a step in time. What it ends with is remembered.
-    Returns the energy [J]; infinity where no turns in balance are found.
+    The search for the turns starts from those in memory (REMEMBERED f m,), and without a Hessian also with
+    the factor there, if any; its tolerance is larger in a step in time. The result is stored in the memory.
+    Returns the energy [J]; infinity if no turns in equilibrium are found.
     """
     count, with_hessian = beams.rings.shape[1], slots.shape[0] > 0
     w, energy = ring_work(count), 0.0
     size = 3 * count if with_hessian else 0
     mixed, matrix = np.empty((size, size)), np.empty((size, size))
     for f in range(beams.rings.shape[0]):
-        there = _read_memory(x, beams, f, memory.before, w)
-        reused = there and not with_hessian
+        has_factor = _read_memory(x, beams, f, memory.before, w)
+        reused = has_factor and not with_hessian
         small = SMALL_TURN_IN_MOTION if beams.moving else SMALL_TURN_REUSED if reused else SMALL_TURN
         energy += balance_turns(beams, f, w, with_hessian, small, reused)
         if not energy < np.inf:
             return np.inf
         for i in range(count):
-            node, other = beams.rings[f, i], beams.rings[f, (i + 1) % count]
-            own = three(w.lanes, beam.FORCE + lane_of(i))
+            node, next_node = beams.rings[f, i], beams.rings[f, (i + 1) % count]
+            beam_force = three(w.lanes, beam.FORCE + lane_of(i))
             for r in range(3):
-                force = w.axes[r, 0] * own[0] + w.axes[r, 1] * own[1] + w.axes[r, 2] * own[2]
+                force = (
+                    w.axes[r, 0] * beam_force[0] + w.axes[r, 1] * beam_force[1] + w.axes[r, 2] * beam_force[2]
+                )
                 gradient[node, r] -= force
-                gradient[other, r] += force
+                gradient[next_node, r] += force
         kept_factor, start = w.factor.reshape(w.factor.size), REMEMBERED * f * count
         for e in range(count):
             for r in range(4):
@@ -451,22 +453,22 @@ def add_beam_rings(
 
 @kernel(allocates=True)
 def peak_strains(x: Matrix, beams: BeamArrays, width: float, height: float, memory: Vector) -> Matrix:
-    """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN where no balance is found."""
+    """Return the largest strain (f, m) of each beam's fibres, at its ends; NaN if no equilibrium is found."""
     count = beams.rings.shape[1]
-    w, found = ring_work(count), np.empty(beams.rings.shape)
-    no = count < 0  # False itself would be a type of its own, for which all is compiled once more
+    w, strains = ring_work(count), np.empty(beams.rings.shape)
+    no = count < 0  # a literal False has a separate type, for which kernels would be compiled again
     for f in range(beams.rings.shape[0]):
         _read_memory(x, beams, f, memory, w)
         balanced = balance_turns(beams, f, w, no, SMALL_TURN, no) < np.inf
         for e in range(count):
             at, bent = lane_of(e), 0.0
             for a in range(2):
-                here, there = beam.BENT + a * beam.SECOND + at, beam.BENT + (1 - a) * beam.SECOND + at
-                in_plane = width * abs(2.0 * w.lanes[here] + w.lanes[there])
-                across = height * abs(2.0 * w.lanes[here + beam.LANES] + w.lanes[there + beam.LANES])
+                this_end, other_end = beam.BENT + a * beam.SECOND + at, beam.BENT + (1 - a) * beam.SECOND + at
+                in_plane = width * abs(2.0 * w.lanes[this_end] + w.lanes[other_end])
+                across = height * abs(2.0 * w.lanes[this_end + beam.LANES] + w.lanes[other_end + beam.LANES])
                 bent = max(bent, (in_plane + across) / beams.lengths[f, e])
-            found[f, e] = abs(w.lanes[beam.STRAIN + at]) + bent if balanced else np.nan
-    return found
+            strains[f, e] = abs(w.lanes[beam.STRAIN + at]) + bent if balanced else np.nan
+    return strains
 
 
 @kernel(allocates=True)

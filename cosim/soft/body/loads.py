@@ -101,9 +101,9 @@ class Loads:
 
     def _with(self, **contacts: Any) -> "Loads":
         """Return these loads with other contacts, without repeating checks and conversions."""
-        made = object.__new__(Loads)
-        made.__dict__.update(self.__dict__, **contacts)
-        return made
+        loads = object.__new__(Loads)
+        loads.__dict__.update(self.__dict__, **contacts)
+        return loads
 
     def arrays(self, chambers: int) -> PlainLoads:
         """Return pressures of the chambers, tensions and gravity, without other loads."""
@@ -200,12 +200,12 @@ def _other_fields(kind: Any) -> tuple[tuple[str, Any], ...]:
     return tuple((entry.name, entry.default) for entry in fields(kind) if entry.name not in PLAIN)
 
 
-def _of_each(values: tuple[Value, ...], missing: Value, count: int, what: str) -> tuple[Value, ...]:
+def _of_each(values: tuple[Value, ...], missing: Value, count: int, name: str) -> tuple[Value, ...]:
     """Return a value for each of `count` chambers: `values`, or `missing` for each if `values` is empty."""
     if not values:
         return (missing,) * count
     if len(values) != count:
-        raise InputError(f"{what}: {len(values)} values for {count} chambers; give one for each")
+        raise InputError(f"{name}: {len(values)} values for {count} chambers; give one for each")
     return values
 
 

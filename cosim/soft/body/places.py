@@ -45,16 +45,16 @@ def ring_figures(points: Blocks, nodes: int, center: Matrix, normal: Matrix, len
     The first `nodes` points are the tip ring in order, sum_i (r_i - r_0) x (r_i+1 - r_0) its normal; the
     others are the polyline.
     """
-    area, one, two = small_vector(3), small_vector(3), small_vector(3)
+    area, arm, next_arm = small_vector(3), small_vector(3), small_vector(3)
     for k in range(points.shape[0]):
         area[:] = 0.0
         for i in range(1, nodes - 1):
             for r in range(3):
-                one[r] = points[k, i, r] - points[k, 0, r]
-                two[r] = points[k, i + 1, r] - points[k, 0, r]
+                arm[r] = points[k, i, r] - points[k, 0, r]
+                next_arm[r] = points[k, i + 1, r] - points[k, 0, r]
             for r in range(3):
                 s, t = (r + 1) % 3, (r + 2) % 3
-                area[r] += one[s] * two[t] - one[t] * two[s]
+                area[r] += arm[s] * next_arm[t] - arm[t] * next_arm[s]
         size = np.sqrt(area[0] * area[0] + area[1] * area[1] + area[2] * area[2])
         for r in range(3):
             normal[k, r] = area[r] / size if size > 0.0 else 0.0
@@ -174,14 +174,14 @@ def parents(coarse: SoftBody, fine: SoftBody) -> IntArray:
     Raises:
         MeshError: the meshes are not so related.
     """
-    found = np.full((fine.nodes, 2), -1)
+    parent_nodes = np.full((fine.nodes, 2), -1)
     if len(fine.triangles) == 4 * len(coarse.triangles):
         a, b, c = coarse.triangles.T
-        part = fine.triangles.reshape(-1, 4, 3)
+        children = fine.triangles.reshape(-1, 4, 3)
         ends = ((0, 0, a, a), (1, 1, b, b), (2, 2, c, c), (0, 1, a, b), (1, 2, b, c), (2, 0, c, a))
         for child, corner, first, second in ends:
-            found[part[:, child, corner]] = np.stack([first, second], axis=1)
-    away = fine.positions - coarse.positions[found].mean(axis=1)
-    if (found < 0).any() or float(np.abs(away).max()) > _SAME_PLACE_M:
+            parent_nodes[children[:, child, corner]] = np.stack([first, second], axis=1)
+    offset = fine.positions - coarse.positions[parent_nodes].mean(axis=1)
+    if (parent_nodes < 0).any() or float(np.abs(offset).max()) > _SAME_PLACE_M:
         raise MeshError("the mesh is not the other one with every triangle divided into four")
-    return found
+    return parent_nodes

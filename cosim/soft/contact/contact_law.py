@@ -113,7 +113,7 @@ def shorten(u: Vector, n: Vector, stick: float) -> None:
 
 
 @device_function
-def rub(u: Vector, n: Vector, limit: float, stick: float, own: Vector, tangent: Matrix) -> float:
+def rub(u: Vector, n: Vector, limit: float, stick: float, gradient: Vector, tangent: Matrix) -> float:
     """Add gradient (3,) and tangent (3, 3) of a stick spring by its stretch u; return its energy.
 
     Args:
@@ -121,14 +121,14 @@ def rub(u: Vector, n: Vector, limit: float, stick: float, own: Vector, tangent: 
         n: (3,), normal.
         limit: largest friction force [N].
         stick: stretch at which that acts [m].
-        own: (3,) [N], gradient, added to.
+        gradient: (3,) [N], added to.
         tangent: (3, 3) [N/m], added to.
     """
     square = _flatten(u, n)
     level, secant, rate = drag(np.sqrt(square), stick)
     fold = limit * (rate - secant) / max(square, 1e-300)
     for r in range(3):
-        own[r] += limit * secant * u[r]
+        gradient[r] += limit * secant * u[r]
         tangent[r, r] += limit * secant
         for c in range(3):
             tangent[r, c] += fold * u[r] * u[c] - limit * secant * n[r] * n[c]
@@ -156,7 +156,7 @@ def touch(
     friction: float,
     anchor: Vector,
     widths: Vector,
-    own: Vector,
+    gradient: Vector,
     tangent: Matrix,
 ) -> tuple[float, float, float]:
     """Fill gradient (3,) and tangent (3, 3) of a contact by its point; return energy, normal force, distance.
@@ -169,7 +169,7 @@ def touch(
         friction: largest friction force [N], or `GLUED`.
         anchor: (3,) [m], of the stick spring.
         widths: (2,) [m], see `ContactLaw.widths`.
-        own: (3,) [N], gradient, filled.
+        gradient: (3,) [N], filled.
         tangent: (3, 3) [N/m], filled.
     """
     u, distance = small_vector(3), -offset
@@ -179,7 +179,7 @@ def touch(
     if friction == GLUED:
         square = 0.0
         for r in range(3):
-            own[r] = stiffness * u[r]
+            gradient[r] = stiffness * u[r]
             square += u[r] ** 2
             for c in range(3):
                 tangent[r, c] = stiffness if r == c else 0.0
@@ -188,11 +188,11 @@ def touch(
     pressing = stiffness * push
     energy = stiffness * level
     for r in range(3):
-        own[r] = -pressing * n[r]
+        gradient[r] = -pressing * n[r]
         for c in range(3):
             tangent[r, c] = stiffness * rate * n[r] * n[c]
     if friction > 0.0:
-        energy += rub(u, n, friction, widths[1], own, tangent)
+        energy += rub(u, n, friction, widths[1], gradient, tangent)
     return energy, pressing, distance
 
 

@@ -1,6 +1,6 @@
 """Neighbour lists of a film's points and triangles, valid until units have moved too far.
 
-The long list has a margin m beyond the distance asked for. It contains all pairs while no two units have
+The long list has a margin m beyond the requested distance. It contains all pairs while no two units have
 moved relative to each other by more than m / (1 + 4 b), b = `BEYOND_EDGES`: then point and foot, whose
 weights may be as low as -b, have come nearer by m at most. Units beyond that distance may move by the extra
 distance more. The short list is made from the long one, for a small motion m. A foot within its triangle, of
@@ -157,7 +157,7 @@ def shorten_list(
 def fill_quiet(
     x: Matrix, rows: FilmRows, short: ShortList, points: int, bounds: tuple[float, float], quiet: Matrix
 ) -> None:
-    """Lower the relative motions [m] that bring no point over a triangle, for a list without any at present.
+    """Lower the relative motions [m] in which no point gets over a triangle, for a list without such a point.
 
     They follow from a point's distance, or from the distance of its foot from the triangle: with s the
     steepest slope, M s in a motion m is at most m s (1.36 + 2.6 s |d|) if m s is at most 1/10.
@@ -268,14 +268,14 @@ class FilmLists:
 
     def _is_valid(self, x: Array, reach: float, behind: float) -> bool:
         """Return whether the short list is valid, after rebuilding it from a valid long one if needed."""
-        within = reach <= self._short_m[0] <= reach + _TOO_FAR_M and behind <= self._short_m[1]
-        if within and unchecked(units_stay)(x, self.units, self.short, 0.0):
+        in_reach = reach <= self._short_m[0] <= reach + _TOO_FAR_M and behind <= self._short_m[1]
+        if in_reach and unchecked(units_stay)(x, self.units, self.short, 0.0):
             measure_sides(x, self.rows.triangles, self._short.used, self._entries[1], self._short.sides)
             return True
         further = reach + _FURTHER_M
         # units whose pairs are not in the long list may come nearer by the excess of their distance
-        less = max(max(further, behind) - self._long_m, 0.0) / FEET_FOLLOW
-        if self._long_m < 0.0 or not unchecked(units_stay)(x, self.units, self.long, less):
+        excess = max(max(further, behind) - self._long_m, 0.0) / FEET_FOLLOW
+        if self._long_m < 0.0 or not unchecked(units_stay)(x, self.units, self.long, excess):
             return False
         self._entries = unchecked(shorten_list)(x, self.rows, self._long, further, behind, self._short)
         self._short_m = further, behind
@@ -326,7 +326,7 @@ class FilmLists:
         return True
 
     def _store_quiet(self, x: Array, reach: float, behind: float) -> None:
-        """Store the relative motions [m] of units that bring no point over a triangle."""
+        """Store the relative motions [m] of units in which no point gets over a triangle."""
         relative, allowed = self.units.relative, self._quiet.allowed
         np.subtract(self.short.allowed, np.triu(relative) + np.triu(relative, 1).T, out=allowed)
         fill_quiet(x, self.rows, self._short, self._entries[0], (reach, behind), allowed)

@@ -55,8 +55,8 @@ class FlangeFace(NamedTuple):
     @classmethod
     def of(cls, body: SoftBody, faces: FilmFaces, points: FilmPoints, law: ContactLaw) -> "FlangeFace":
         """Return the faces of a body, as drawn."""
-        none = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-        parts: list[tuple[Any, ...]] = [(*none, none[0], none[1], np.zeros(0))]
+        no_points = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+        parts: list[tuple[Any, ...]] = [(*no_points, no_points[0], no_points[1], np.zeros(0))]
         for ring in _rings(body):
             parts += _before(body, faces, points, ring, law)
         return cls(*(np.ascontiguousarray(np.concatenate(rows)) for rows in zip(*parts, strict=True)))
@@ -66,8 +66,8 @@ def _rings(body: SoftBody) -> list[IntArray]:
     """Return the rings of the base: groups of its nodes that edges of the film connect."""
     edges = directed_edges(body.triangles)
     edges = edges[np.isin(edges, body.base).all(axis=1)]
-    part = components(body.nodes, edges)[body.base]
-    return [body.base[part == k] for k in np.unique(part)]
+    ring_of_node = components(body.nodes, edges)[body.base]
+    return [body.base[ring_of_node == k] for k in np.unique(ring_of_node)]
 
 
 def _before(
@@ -80,30 +80,30 @@ def _before(
     a, b, c = x[corners]
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
-    own = np.unique(faces.face[np.isin(body.triangles, ring).any(axis=1)])
+    faces_at_ring = np.unique(faces.face[np.isin(body.triangles, ring).any(axis=1)])
     free = ~np.isin(points.nodes, body.base).all(axis=1)
-    chosen = np.flatnonzero(np.isin(points.home[:, 0], own) & free)
-    if not len(chosen):
+    point_indices = np.flatnonzero(np.isin(points.home[:, 0], faces_at_ring) & free)
+    if not len(point_indices):
         return []
-    position = (points.weights[chosen, :, None] * x[points.nodes[chosen]]).sum(axis=1)
+    position = (points.weights[point_indices, :, None] * x[points.nodes[point_indices]]).sum(axis=1)
     gap, size = (position - a) @ normal, float(np.ptp(position, axis=0).max())
     if max(np.ptp(x[ring] @ normal), min(gap.max(), -gap.min())) > _FLAT * size:
         return []
-    i, j, k = body.triangles[np.isin(faces.face, own)].T
+    i, j, k = body.triangles[np.isin(faces.face, faces_at_ring)].T
     areas = np.cross(x[j] - x[i], x[k] - x[i])
     outward = areas.sum(axis=0)
     if abs(outward @ normal) < _ALONG * np.linalg.norm(areas, axis=1).sum():
         return []
     if gap.mean() < -_FLAT * size or (gap.mean() < _FLAT * size and outward @ normal > 0.0):
         corners, gap, normal = corners[::-1], -gap, -normal
-    unit = np.unique(body.triangles[np.isin(faces.unit, faces.unit_of_face[own])])
+    unit = np.unique(body.triangles[np.isin(faces.unit, faces.unit_of_face[faces_at_ring])])
     middle = x[ring].mean(axis=0)
     across = x[unit] - middle
     across -= np.outer(across @ normal, normal)
     center = np.linalg.lstsq(np.vstack((x[corners].T, np.ones(3))), np.append(middle, 1.0))[0]
     film = (
-        points.nodes[chosen], points.weights[chosen], _HARDER * law.stiffness_N_m3 * points.area[chosen],
-        contact_law.spare(gap, law),
+        points.nodes[point_indices], points.weights[point_indices],
+        _HARDER * law.stiffness_N_m3 * points.area[point_indices], contact_law.spare(gap, law),
     )  # fmt: skip
     frame, radius = _frame(body, unit, normal), _WIDER * np.linalg.norm(across, axis=1).max()
     return [
@@ -118,18 +118,18 @@ def _before(
 
 def _frame(body: SoftBody, unit: IntArray, normal: Array) -> tuple[Any, ...]:
     """Return nodes, weights, stiffness and spare distance of a unit's frame that rests on other frames."""
-    none: tuple[Any, ...] = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    found = [[column] for column in none]
+    no_points: tuple[Any, ...] = np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    columns = [[column] for column in no_points]
     for stops in body.of_kind(FrameStops):
-        own = np.isin(stops.pairs[:, 0], unit)
-        nodes, (gap, stiffness) = stops.pairs[own, 0], stops.springs[own].T
-        aside = body.positions[stops.pairs[own, 1]] - body.positions[nodes]
+        of_unit = np.isin(stops.pairs[:, 0], unit)
+        nodes, (gap, stiffness) = stops.pairs[of_unit, 0], stops.springs[of_unit].T
+        aside = body.positions[stops.pairs[of_unit, 1]] - body.positions[nodes]
         aside -= np.outer(aside @ normal, normal)
         rest = np.sqrt(gap**2 - (aside**2).sum(axis=1))
         rows = np.repeat(nodes[:, None], 3, axis=1), np.tile(_WHOLE, (len(nodes), 1)), stiffness, -0.5 * rest
-        for column, row in zip(found, rows, strict=True):
+        for column, row in zip(columns, rows, strict=True):
             column.append(row)
-    return tuple(np.concatenate(column) for column in found)
+    return tuple(np.concatenate(column) for column in columns)
 
 
 def _corners(x: Array, ring: IntArray) -> IntArray | None:
@@ -137,10 +137,10 @@ def _corners(x: Array, ring: IntArray) -> IntArray | None:
     if len(ring) < 3:
         return None
     first = ring[np.linalg.norm(x[ring] - x[ring].mean(axis=0), axis=1).argmax()]
-    away = np.linalg.norm(x[ring] - x[first], axis=1)
-    second = ring[away.argmax()]
+    distance = np.linalg.norm(x[ring] - x[first], axis=1)
+    second = ring[distance.argmax()]
     height = np.linalg.norm(np.cross(x[ring] - x[first], x[second] - x[first]), axis=1)
-    if height.max() < _LEAST_AREA * away.max() ** 2:
+    if height.max() < _LEAST_AREA * distance.max() ** 2:
         return None
     return np.array([first, second, ring[height.argmax()]])
 
@@ -165,10 +165,10 @@ def fill_before_face(x: Matrix, face: FlangeFace, reach: float, behind: float, o
         if d < -behind or d + face.spare[b] >= reach:
             continue
         for r in range(3):
-            away = y[r] - d * n[r]
+            lateral = y[r] - d * n[r]
             for a in range(3):
-                away -= face.center[b, a] * x[corners[a], r]
-            square += away * away
+                lateral -= face.center[b, a] * x[corners[a], r]
+            square += lateral * lateral
         if square > face.radius[b] ** 2:
             continue
         if count < out.shape[0]:

@@ -95,7 +95,7 @@ class ContactPlanes(NamedTuple):
         return float(add_contacts(positions, self, sums.gradient, blocks))
 
     def at(self, positions: Array) -> "ContactPlanes":
-        """Return the contacts with the law evaluated at positions (n, 3) [m], if not done there last."""
+        """Return the contacts, evaluated at positions (n, 3) [m] unless the last evaluation was there."""
         evaluate(positions, self)
         return self
 
@@ -181,10 +181,10 @@ def add_contacts(x: Matrix, planes: ContactPlanes, gradient: Matrix, blocks: Blo
     for e in range(nodes.shape[0]):
         fill_point(x, nodes[e], weights[e], planes.point[e])
         energy += _evaluate(planes, e)
-        own, tangent = planes.gradient[e], planes.tangent[e]
+        point_gradient, tangent = planes.gradient[e], planes.tangent[e]
         for a in range(3):
             for r in range(3):
-                gradient[nodes[e, a], r] += weights[e, a] * own[r]
+                gradient[nodes[e, a], r] += weights[e, a] * point_gradient[r]
             if blocks.shape[0] == 0:
                 continue
             for b in range(a + 1):

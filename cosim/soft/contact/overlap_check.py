@@ -102,8 +102,8 @@ class ArmsOverlapCheck:
         if deepest is None:
             return None
         depth, node = deepest
-        place = describe_node(self._bodies[0], one, node) if node < len(one) else ""
-        return FilmOverlap(depth, place or describe_node(self._bodies[1], other, node - len(one)))
+        place_text = describe_node(self._bodies[0], one, node) if node < len(one) else ""
+        return FilmOverlap(depth, place_text or describe_node(self._bodies[1], other, node - len(one)))
 
 
 @final

@@ -17,7 +17,7 @@ _FLAT = 1e-9  # relative determinant below which the rotation is not defined
 @kernel
 def furthest_from_mean(values: Matrix) -> float:
     """Return the largest distance of a row of values (n, 3) from their mean."""
-    mean, most = zero_vector(3), 0.0
+    mean, largest_square = zero_vector(3), 0.0
     for n in range(values.shape[0]):
         for r in range(3):
             mean[r] += values[n, r] / values.shape[0]
@@ -25,8 +25,8 @@ def furthest_from_mean(values: Matrix) -> float:
         square = 0.0
         for r in range(3):
             square += (values[n, r] - mean[r]) ** 2
-        most = max(most, square)
-    return np.sqrt(most)
+        largest_square = max(largest_square, square)
+    return np.sqrt(largest_square)
 
 
 @device_function
@@ -91,25 +91,27 @@ def fit_motion(
 @device_function
 def deviation(x: Matrix, before: Matrix, nodes: Indices, begin: int, end: int, rigid: Matrix) -> float:
     """Return the largest distance of some nodes from their positions by a rigid motion."""
-    most = 0.0
+    largest_square = 0.0
     for k in range(begin, end):
         square, n = 0.0, nodes[k]
         u, v, w = before[n, 0] - rigid[1, 0], before[n, 1] - rigid[1, 1], before[n, 2] - rigid[1, 2]
         for r in range(3):
-            off = x[n, r] - rigid[0, r] - rigid[2 + r, 0] * u - rigid[2 + r, 1] * v - rigid[2 + r, 2] * w
-            square += off * off
-        most = max(most, square)
-    return np.sqrt(most)
+            difference = (
+                x[n, r] - rigid[0, r] - rigid[2 + r, 0] * u - rigid[2 + r, 1] * v - rigid[2 + r, 2] * w
+            )
+            square += difference * difference
+        largest_square = max(largest_square, square)
+    return np.sqrt(largest_square)
 
 
 @device_function
 def rigid_difference(one: Matrix, other: Matrix, radius: float) -> float:
     """Return the largest difference of two rigid motions in a ball around the mean of the other's nodes."""
-    apart, turned = 0.0, 0.0
+    square_distance, square_turn = 0.0, 0.0
     for r in range(3):
-        off = other[0, r] - one[0, r]
+        offset = other[0, r] - one[0, r]
         for c in range(3):
-            off -= one[2 + r, c] * (other[1, c] - one[1, c])
-            turned += (other[2 + r, c] - one[2 + r, c]) ** 2
-        apart += off * off
-    return np.sqrt(apart) + radius * np.sqrt(0.5 * turned)
+            offset -= one[2 + r, c] * (other[1, c] - one[1, c])
+            square_turn += (other[2 + r, c] - one[2 + r, c]) ** 2
+        square_distance += offset * offset
+    return np.sqrt(square_distance) + radius * np.sqrt(0.5 * square_turn)

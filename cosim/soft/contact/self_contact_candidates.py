@@ -92,10 +92,10 @@ def _neighbours(face: IntArray, points: Array) -> IntArray:
     return np.lexsort(((bits << (3 * np.arange(10) + np.arange(3)[:, None])).sum(axis=(1, 2)), face))
 
 
-def _runs(face: IntArray, most: int) -> IntArray:
-    """Return the starts (k + 1,) of runs of one face, none longer than `most`, and the end of the last."""
+def _runs(face: IntArray, longest: int) -> IntArray:
+    """Return the starts (k + 1,) of runs of one face, none longer than `longest`, and the end of the last."""
     ends = [0, *(1 + np.flatnonzero(np.diff(face))).tolist(), len(face)]
-    return np.array([*(k for a, b in pairwise(ends) for k in range(a, b, most)), len(face)], np.int64)
+    return np.array([*(k for a, b in pairwise(ends) for k in range(a, b, longest)), len(face)], np.int64)
 
 
 @device_function
@@ -144,23 +144,23 @@ def _find_near(
     rows: FilmRows,
     boxes: BoxRows,
     face: int,
-    own: Vector,
+    box: Vector,
     around: tuple[Matrix, Matrix],
     limit: float,
-    near: Indices,
+    near_triangles: Indices,
 ) -> int:
-    """Fill the indices of triangles near a box `own` of a face, which that can meet; return their number."""
+    """Fill the triangles near a box of a face, of faces that can meet that face; return their number."""
     triangles, bundles = around
-    corners, found = (own[0], own[1], own[2], own[3], own[4], own[5]), 0
+    corners, count = (box[0], box[1], box[2], box[3], box[4], box[5]), 0
     for k in range(bundles.shape[0]):
         begin, end = boxes.triangles_from[k], boxes.triangles_from[k + 1]
-        other = rows.films[boxes.triangle_order[begin], 0]
-        if rows.relation[face, other] != 0 and square_between(bundles, k, *corners) <= limit:
+        other_face = rows.films[boxes.triangle_order[begin], 0]
+        if rows.relation[face, other_face] != 0 and square_between(bundles, k, *corners) <= limit:
             for k_triangle in range(begin, end):
                 if square_between(triangles, k_triangle, *corners) <= limit:
-                    near[found] = k_triangle
-                    found += 1
-    return found
+                    near_triangles[count] = k_triangle
+                    count += 1
+    return count
 
 
 @device_function
@@ -205,8 +205,8 @@ def fill_list(
         listed: filled.
     """
     points, triangles = np.empty((rows.nodes.shape[0], 6)), np.empty((rows.triangles.shape[0], 6))
-    bundles, own = np.empty((boxes.triangles_from.shape[0] - 1, 6)), np.empty(6)
-    near, total, limit = np.empty(triangles.shape[0], np.int64), 0, bounds[0] * bounds[0]
+    bundles, box_of_points = np.empty((boxes.triangles_from.shape[0] - 1, 6)), np.empty(6)
+    near_triangles, total, limit = np.empty(triangles.shape[0], np.int64), 0, bounds[0] * bounds[0]
     columns, squares = np.empty((6, triangles.shape[0])), np.empty(triangles.shape[0])
     for k in range(points.shape[0]):  # boxes of points have no size
         triangle_foot.fill_point(x, rows.nodes[boxes.order[k]], rows.weights[boxes.order[k]], points[k])
@@ -218,21 +218,23 @@ def fill_list(
         _enclose(triangles, boxes.triangles_from[k], boxes.triangles_from[k + 1], bundles[k])
     for box in range(boxes.points_from.shape[0] - 1):
         begin, end = boxes.points_from[box], boxes.points_from[box + 1]
-        _enclose(points, begin, end, own)
+        _enclose(points, begin, end, box_of_points)
         face = rows.homes[boxes.order[begin], 0]
-        found = _find_near(rows, boxes, face, own, (triangles, bundles), limit, near)
+        near_count = _find_near(rows, boxes, face, box_of_points, (triangles, bundles), limit, near_triangles)
         if listed.shape[0] == 0:
-            total += found * (end - begin)
+            total += near_count * (end - begin)
             continue
-        for e in range(found):
+        for e in range(near_count):
             for r in range(6):
-                columns[r, e] = triangles[near[e], r]
-            t = boxes.triangle_order[near[e]]
-            near[e] = 2 * t + (rows.relation[face, rows.films[t, 0]] == VALLEY)
+                columns[r, e] = triangles[near_triangles[e], r]
+            t = boxes.triangle_order[near_triangles[e]]
+            near_triangles[e] = 2 * t + (rows.relation[face, rows.films[t, 0]] == VALLEY)
         for k in range(begin, end):
             first[k] = total
-            _fill_squares(columns, found, points[k], squares)
-            total = _list_point(rows, boxes.order[k], (near[:found], squares), limit, listed, total)
+            _fill_squares(columns, near_count, points[k], squares)
+            total = _list_point(
+                rows, boxes.order[k], (near_triangles[:near_count], squares), limit, listed, total
+            )
     first[rows.nodes.shape[0]] = total
     return total
 

@@ -223,7 +223,7 @@ def _work_of(
     """Return the work of a pair on the film in a step, from its normal forces and its normal at the end."""
     nodes, u0, u1 = pairs.nodes[e], small_vector(3), small_vector(3)
     rub0, rub1, drag = zero_vector(3), zero_vector(3), zero_matrix(3, 3)
-    slope, foot, y, first, last = small_matrix(3, 3), small_vector(3), small_vector(3), 0.0, 0.0
+    slope, foot, y, start_motion, end_motion = small_matrix(3, 3), small_vector(3), small_vector(3), 0.0, 0.0
     if pushes[1] != 0.0:
         fill_point(x, nodes, pairs.weights[e], y)
         triangle_foot.fill_slopes(x, nodes[3:], n, plane_of(x, nodes[3:], n), slope)
@@ -233,14 +233,16 @@ def _work_of(
         for a in range(3):
             u0[r] += pairs.weights[e, a] * before[nodes[a], r] - pairs.foot[e, a] * before[nodes[3 + a], r]
             u1[r] += pairs.weights[e, a] * x[nodes[a], r] - pairs.foot[e, a] * x[nodes[3 + a], r]
-        went = gone = u1[r] - u0[r]  # motion of the point relative to its foot at the start, and at the end
+        from_start_foot = from_end_foot = (
+            u1[r] - u0[r]
+        )  # motion of the point relative to its foot at the start, and at the end
         if pushes[1] != 0.0:
             for a in range(3):
-                moved = x[nodes[3 + a], r] - before[nodes[3 + a], r]
-                gone += (pairs.foot[e, a] - foot[a]) * moved
-        first += pairs.normal[e, r] * went
-        last += n[r] * gone
-    work = pushes[0] * first + pushes[1] * last
+                corner_motion = x[nodes[3 + a], r] - before[nodes[3 + a], r]
+                from_end_foot += (pairs.foot[e, a] - foot[a]) * corner_motion
+        start_motion += pairs.normal[e, r] * from_start_foot
+        end_motion += n[r] * from_end_foot
+    work = pushes[0] * start_motion + pushes[1] * end_motion
     if pairs.friction[e] > 0.0:
         went0, went1, went2 = u1[0] - u0[0], u1[1] - u0[1], u1[2] - u0[2]
         contact_law.rub(u0, pairs.normal[e], pairs.friction[e], pairs.widths[1], rub0, drag)

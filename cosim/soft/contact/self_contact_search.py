@@ -1,7 +1,7 @@
 """Search for points of a film over triangles of other units, with the foot within the triangle.
 
 A point is over a triangle if its foot on the plane lies in the triangle (extended by `BEYOND_EDGES`) and its
-distance is in -behind .. reach. Of the triangles of one unit the nearest is taken, and only if the two films
+distance is in -behind .. reach. Of the triangles of one unit only the nearest counts, if the two films
 face each other there; see `Relation`.
 """
 
@@ -17,7 +17,7 @@ from cosim.soft.contact.triangle_side import least_weight, measure_side, over_pl
 
 BEHIND_M = 5e-3  # depth behind a film up to which a point counts as having penetrated it
 _UNITS_NEAR = 8  # largest number of other units over one point
-_TIE_M = 1e-12  # of equal distances, the triangle with the point more in front of it is taken
+_TIE_M = 1e-12  # of equal distances, the triangle with the point more in front of it counts
 _FACING_VALLEY, _FACING_APART = 0.0, 0.5  # largest cosine of the two outer normals, by `Relation`
 
 
@@ -40,7 +40,7 @@ class ShortList(NamedTuple):
 
     @classmethod
     def empty(cls, points: int, triangles: int) -> "ShortList":
-        """Return an empty list for a film with so many points and triangles."""
+        """Return an empty list for a film, given its numbers of points and triangles."""
         first, listed = np.zeros(points + 1, np.int64), np.empty(0, np.int64)
         used = np.zeros(points, np.int64), np.zeros(triangles, np.int64)
         return cls(first, listed, *used, np.empty((triangles, 13)))
@@ -92,12 +92,12 @@ def _fill_outward(x: Matrix, rows: FilmRows, p: int, outward: Vector) -> None:
 @device_function
 def _nearest(short: ShortList, p: int, behind: float, px: float, py: float, pz: float) -> float:
     """Return a point's least distance from the planes of its triangles, at most `behind` them."""
-    least = np.inf
+    least_distance = np.inf
     for entry in range(short.first[p], short.first[p + 1]):
         d = over_plane(short.sides[short.listed[entry]], px, py, pz)
         if d >= -behind:
-            least = min(least, d)
-    return least
+            least_distance = min(least_distance, d)
+    return least_distance
 
 
 @inlined
@@ -116,14 +116,14 @@ def _choose(
     Returns:
         Number of units.
     """
-    sides, place, outward = short.sides, small_vector(3), small_vector(3)
+    sides, point, outward = short.sides, small_vector(3), small_vector(3)
     (reach, behind), (best, distance, chosen, units) = bounds, room
-    triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], place)
-    px, py, pz = place[0], place[1], place[2]
-    near, furthest, face, known = 0, max(reach, behind), rows.homes[p, 0], False
+    triangle_foot.fill_point(x, rows.nodes[p], rows.weights[p], point)
+    px, py, pz = point[0], point[1], point[2]
+    unit_count, furthest, face, outward_known = 0, max(reach, behind), rows.homes[p, 0], False
     spare = rows.spare[p]
     if not _nearest(short, p, behind, px, py, pz) + spare < reach:  # most points
-        return near
+        return unit_count
     for entry in range(short.first[p], short.first[p + 1]):
         t = short.listed[entry]
         d = over_plane(sides[t], px, py, pz)
@@ -132,24 +132,25 @@ def _choose(
         valley = rows.relation[face, rows.films[t, 0]] == VALLEY
         if valley and d + spare > reach:
             continue
-        if not known:
+        if not outward_known:
             _fill_outward(x, rows, p, outward)
-            known = True
+            outward_known = True
         cosine = outward[0] * sides[t, 3] + outward[1] * sides[t, 4] + outward[2] * sides[t, 5]
         facing = cosine < (_FACING_VALLEY if valley else _FACING_APART)
         if valley and not facing:
             continue
         slot = 0
-        while slot < near and units[slot] != rows.films[t, 1]:
+        while slot < unit_count and units[slot] != rows.films[t, 1]:
             slot += 1
         if slot == _UNITS_NEAR:
             continue
-        if slot == near:
-            near, units[slot], best[slot], distance[slot] = near + 1, rows.films[t, 1], np.inf, -np.inf
+        if slot == unit_count:
+            units[slot], best[slot], distance[slot] = rows.films[t, 1], np.inf, -np.inf
+            unit_count += 1
         closer, spared = abs(d) < best[slot] - _TIE_M, d + spare
         if closer or (abs(d) < best[slot] + _TIE_M and spared > distance[slot]):
             best[slot], distance[slot], chosen[slot] = abs(d), spared, t if facing else -1
-    return near
+    return unit_count
 
 
 @kernel

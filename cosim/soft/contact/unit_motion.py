@@ -49,7 +49,7 @@ class Allowance(NamedTuple):
 
     @classmethod
     def empty(cls, nodes: int, units: int) -> "Allowance":
-        """Return allocated arrays for a film with so many nodes and units."""
+        """Return allocated arrays for a film, given its numbers of nodes and units."""
         return cls(np.zeros((nodes, 3)), np.empty(units), np.empty((units, units)))
 
 
@@ -71,14 +71,14 @@ def store_shape(x: Matrix, units: Units, allowance: Allowance) -> None:
     copy_rows(x, allowance.before)
     for unit in range(allowance.radius.shape[0]):
         begin, end, step = _fitted(units.start, unit)
-        weight, u, v, w, most = 1.0 / len(range(begin, end, step)), 0.0, 0.0, 0.0, 0.0
+        weight, u, v, w, largest_square = 1.0 / len(range(begin, end, step)), 0.0, 0.0, 0.0, 0.0
         for k in range(begin, end, step):
             n = units.nodes[k]
             u, v, w = u + weight * x[n, 0], v + weight * x[n, 1], w + weight * x[n, 2]
         for k in range(begin, end):
             n = units.nodes[k]
-            most = max(most, (x[n, 0] - u) ** 2 + (x[n, 1] - v) ** 2 + (x[n, 2] - w) ** 2)
-        allowance.radius[unit] = np.sqrt(most)
+            largest_square = max(largest_square, (x[n, 0] - u) ** 2 + (x[n, 1] - v) ** 2 + (x[n, 2] - w) ** 2)
+        allowance.radius[unit] = np.sqrt(largest_square)
 
 
 @kernel(allocates=True)
@@ -102,14 +102,14 @@ def allow_motion(
         short: (u, u) [m], for the short list, which gets the rest; filled.
     """
     room, margin, short_m, follow = margins
-    boxes, least = np.empty((units.start.shape[0] - 1, 6)), margin / follow - short_m
+    boxes, least_long = np.empty((units.start.shape[0] - 1, 6)), margin / follow - short_m
     for unit in range(boxes.shape[0]):
         low, high = boxes[unit], boxes[unit, 3:]
         low[:3], high[:] = np.inf, -np.inf
         for k in range(units.start[unit], units.start[unit + 1]):
             for r in range(3):
-                value = x[units.nodes[k], r]
-                low[r], high[r] = min(low[r], value), max(high[r], value)
+                coordinate = x[units.nodes[k], r]
+                low[r], high[r] = min(low[r], coordinate), max(high[r], coordinate)
     for a in range(boxes.shape[0]):
         for b in range(boxes.shape[0]):
             low, high = boxes[b], boxes[b, 3:]
@@ -117,8 +117,8 @@ def allow_motion(
             further = max(np.sqrt(square) - room, 0.0) if meet[a, b] else np.inf
             allowed = (margin + further) / follow
             # near units leave little motion to the short list, far ones half
-            short[a, b] = min(0.5 * allowed, allowed - least)
-            long[a, b] = max(0.5 * allowed, least)
+            short[a, b] = min(0.5 * allowed, allowed - least_long)
+            long[a, b] = max(0.5 * allowed, least_long)
 
 
 @kernel
@@ -134,26 +134,26 @@ def units_stay(x: Matrix, units: Units, allowance: Allowance, less: float) -> bo
         allowance: to check.
         less: tolerance [m].
     """
-    nodes, start, before, moved = units.nodes, units.start, allowance.before, units.deviation
+    nodes, start, before, deviations = units.nodes, units.start, allowance.before, units.deviation
     minors, rigid = small_matrix(3, 3), units.rigid
     count = start.shape[0] - 1
     for a in range(count):
         rigid_motion.fit_motion(x, before, nodes, _fitted(start, a), rigid[a], minors)
-        moved[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+        deviations[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
     for a in range(count):
-        fits = False
+        is_refitted = False
         for b in range(a + 1, count):
             allowed = allowance.allowed[a, b] - less
             if allowed == np.inf:
                 continue
-            apart = rigid_motion.rigid_difference(rigid[a], rigid[b], allowance.radius[b])
-            relative = moved[a] + moved[b] + apart
+            rigid_part = rigid_motion.rigid_difference(rigid[a], rigid[b], allowance.radius[b])
+            relative = deviations[a] + deviations[b] + rigid_part
             if not relative <= allowed:
-                if not fits:
+                if not is_refitted:
                     rigid_motion.fit_motion(x, before, nodes, (start[a], start[a + 1], 1), rigid[a], minors)
-                    moved[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
-                    fits = True
-                relative = moved[a] + rigid_motion.deviation(
+                    deviations[a] = rigid_motion.deviation(x, before, nodes, start[a], start[a + 1], rigid[a])
+                    is_refitted = True
+                relative = deviations[a] + rigid_motion.deviation(
                     x, before, nodes, start[b], start[b + 1], rigid[a]
                 )
             if not relative <= allowed:
@@ -172,16 +172,16 @@ def largest_deviation(x: Matrix, before: Matrix, nodes: Indices) -> float:
         nodes: indices.
     """
     rigid, count = zero_matrix(5, 3), nodes.shape[0]
-    some = 0, count, max(1, count // _FITTED)
-    rigid_motion.fit_motion(x, before, nodes, some, rigid, small_matrix(3, 3))
+    span = 0, count, max(1, count // _FITTED)
+    rigid_motion.fit_motion(x, before, nodes, span, rigid, small_matrix(3, 3))
     return rigid_motion.deviation(x, before, nodes, 0, count, rigid)
 
 
 @kernel
 def least_remaining(allowed: Matrix, relative: Matrix) -> float:
     """Return the smallest remaining relative motion [m] of two units, over the upper triangle."""
-    least = np.inf
+    least_motion = np.inf
     for a in range(relative.shape[0]):
         for b in range(a + 1, relative.shape[0]):
-            least = min(least, allowed[a, b] - relative[a, b])
-    return least
+            least_motion = min(least_motion, allowed[a, b] - relative[a, b])
+    return least_motion

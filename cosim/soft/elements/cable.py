@@ -61,8 +61,8 @@ def onset(stretch_m: float) -> tuple[float, float, float]:
 
 def stretch_at(tension_N: float, stiffness_N_m: float) -> float:
     """Return the stretch s [m] at which k f(s) is a tension; the largest one for a slack cable."""
-    d, wanted = TRANSITION_m, tension_N / stiffness_N_m
-    return wanted if wanted >= 0.5 * d else float(np.sqrt(2.0 * d * max(wanted, 0.0))) - 0.5 * d
+    d, taut = TRANSITION_m, tension_N / stiffness_N_m
+    return taut if taut >= 0.5 * d else float(np.sqrt(2.0 * d * max(taut, 0.0))) - 0.5 * d
 
 
 ROUNDED_m: Final = 1e-4
@@ -89,9 +89,9 @@ def segment_gradient(x: Matrix, a: int, b: int, gradient: Vector) -> None:
         square += gradient[r] * gradient[r]
     length = np.sqrt(square)
     s = length / ROUNDED_m
-    over = 1.0 / length if s >= 1.0 else (1.5 - 0.5 * s * s) / ROUNDED_m
+    inverse_length = 1.0 / length if s >= 1.0 else (1.5 - 0.5 * s * s) / ROUNDED_m
     for r in range(3):
-        gradient[r] *= over
+        gradient[r] *= inverse_length
 
 
 @kernel
@@ -226,7 +226,7 @@ class Cable(Element):
 
     @classmethod
     def bound(cls, alike: "Sequence[Cable]", sums: Sums) -> Sequence[Term]:
-        """Return no terms: what a cable does follows from the loads of its body, see `FilmPotential`."""
+        """Return no terms: cables depend on the loads of the body, so `FilmPotential` adds them."""
         return ()
 
     @property

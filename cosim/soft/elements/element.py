@@ -2,7 +2,7 @@
 
 An element says which nodes it couples and what it adds to potential, gradient and tangent. Everything else
 is a loop over the elements of a body: its checks, the sparsity pattern, copies and attachments, the content
-hash, saved states and the kernels to compile. What these loops need to know of a field is its mark:
+hash, saved states and the kernels to compile. For these loops each field of an element is marked as:
     NODES   node indices, one row for each of many equal parts,
     ROWS    further values, one row for each part,
     none    a constant of all parts; not an array.
@@ -48,7 +48,7 @@ _NOTHING = np.zeros(0)
 
 
 class Acting(Protocol):
-    """What the terms of a body ask of the loads (`Loads`)."""
+    """The loads that elements read, a part of `Loads`."""
 
     @property
     def cable_tension_N(self) -> tuple[float, ...]:
@@ -59,18 +59,18 @@ class Acting(Protocol):
         """Gravity (3,) [m/s^2]."""
 
     def pressures(self, chambers: int) -> tuple[float, ...]:
-        """Return the given gauge pressure [Pa] of each of so many chambers."""
+        """Return the commanded gauge pressure [Pa] of each chamber, given their number."""
 
     def gases(self, chambers: int) -> tuple[SealedGas | None, ...]:
-        """Return the sealed gas of each of so many chambers, None where the pressure is given."""
+        """Return the sealed gas of each chamber, None for a commanded pressure, given their number."""
 
 
 class Remembered(NamedTuple):
-    """What kernels know of an element's memory.
+    """Memory of an element, for kernels.
 
     Args:
         before: (m,), of the last accepted state.
-        now: (m,), filled.
+        now: (m,), of the evaluated shape; filled.
     """
 
     before: Vector
@@ -78,14 +78,13 @@ class Remembered(NamedTuple):
 
 
 class Instant(NamedTuple):
-    """What acts on an element besides the shape.
+    """Inputs of an element in addition to the positions.
 
     Args:
-        memory: (m,), what the element remembers of the last accepted state; of one that remembers nothing,
-            anything.
-        tracked: (m,), filled with what it makes of that at the present shape; equal to `memory` beforehand.
+        memory: (m,), of the element at the last accepted state; not used by elements without memory.
+        tracked: (m,), filled with the memory at the present shape; equal to `memory` beforehand.
         step_s: length of an implicit step; infinite in statics.
-        loads: that act; None where only the body itself is looked at.
+        loads: that act; None for the body alone.
         closely: whether the step is solved below the tolerance of an ordinary one.
     """
 
@@ -96,7 +95,7 @@ class Instant(NamedTuple):
     closely: bool = False
 
     def part(self, own: slice) -> "Instant":
-        """Return the same for one of several elements that remember something, its part cut out."""
+        """Return the same inputs with the memory of one element, cut out of that of the body."""
         return self._replace(memory=self.memory[own], tracked=self.tracked[own])
 
 
@@ -110,13 +109,13 @@ def _no_hessian(*_: object) -> Any:
 @final
 @dataclass(frozen=True)
 class Sums:
-    """What terms add to; only the gradient where nobody asks for the Hessian.
+    """The sums that terms add to; without `blocks` only the gradient is summed.
 
     Args:
         gradient: (n, 3) [N].
         blocks: (pattern.blocks, 3, 3) [N/m].
-        diagonal: (n,), where the pair of each node with itself is in `blocks`.
-        slots: nodes (parts, k) -> where their pairs are in `blocks`, see `BlockPattern.slots`.
+        diagonal: (n,), index in `blocks` of the pair of each node with itself.
+        slots: nodes (parts, k) -> indices of their pairs in `blocks`, see `BlockPattern.slots`.
     """
 
     gradient: Array
@@ -126,11 +125,11 @@ class Sums:
 
 
 class Call(NamedTuple):
-    """A leaf with its arguments: the energy [J] is leaf(x, *given), x the positions (n, 3) [m].
+    """A kernel with its arguments: the energy [J] is leaf(x, *given), with positions x (n, 3) [m].
 
     Args:
         leaf: compiled.
-        given: its further arguments, made once.
+        given: its other arguments, prepared once.
     """
 
     leaf: Callable[..., float]
@@ -138,40 +137,40 @@ class Call(NamedTuple):
 
 
 def writable(array: _Array) -> _Array:
-    """Return an array as leaves take it: in one stretch and writable; a copy where it is not."""
+    """Return a C-contiguous, writable array, as kernels need it; a copy only if it is not one already."""
     return cast(_Array, np.require(array, requirements=["C", "W"]))
 
 
 class Term(Protocol):
-    """Elements of one kind, or what else a body has a potential of, with their places in the tangent."""
+    """Terms of a body's potential, such as all elements of one kind, with their indices in the tangent."""
 
     def add(self, positions: Array, at: Instant, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+        """Add the gradient and, if `hessian`, the Hessian; return the energy [J]."""
 
 
 class NodalPotential(Protocol):
-    """A further potential of the nodes' positions, which comes and goes with what acts on a body."""
+    """An additional potential of the nodes' positions, which is part of the loads, not of the body."""
 
     def add(self, positions: Array, sums: Sums, hessian: bool) -> float:
-        """Add the gradient and, if told to, the Hessian; return the energy [J]."""
+        """Add the gradient and, if `hessian`, the Hessian; return the energy [J]."""
 
 
 class Element(ABC):
     """A term of the potential, or several equal ones; a subclass is a frozen dataclass.
 
-    Nothing in it depends on where in space the body is drawn: what has a direction is said in axes of its
-    own, so that a copy elsewhere has the same values at other nodes.
+    It does not depend on the drawn position and orientation of the body: directions are in local axes, so a
+    copy of the body elsewhere has the same values.
     """
 
     label: ClassVar[str]
-    """What messages call it."""
+    """Name of the kind in messages."""
     single: ClassVar[bool] = False
-    """Whether a body has one of the kind at most; that of an attached part becomes one with it."""
+    """Whether a body has at most one of the kind; that of an attached part is joined with it."""
     merges: ClassVar[bool] = True
-    """Whether those of a body's copies become one, row after row; otherwise they follow copy by copy."""
+    """Whether elements of a body's copies are joined, row after row; otherwise they follow copy by copy."""
     counted: ClassVar[bool] = False
-    """Whether a body's parts are named by their places in its rows: copies and attached parts come one after
-    the other, and neighbours with the same constants become one."""
+    """Whether parts of a body are identified by their row number: elements of copies and attached parts
+    follow one another, and neighbours with the same constants are joined."""
     far: ClassVar[bool] = False
     """Whether it couples nodes across the mesh."""
 
@@ -189,15 +188,15 @@ class Element(ABC):
 
         Args:
             alike: these elements, in the body's order.
-            sums: what they add to; there are blocks for all that they couple.
+            sums: that they add to; they have blocks for all coupled nodes.
         """
 
     def first_memory(self, positions: Array) -> Array:
-        """Return what it remembers (m,) in the drawn shape (n, 3) [m]; a rigid motion changes none of it."""
+        """Return the memory (m,) in the drawn shape (n, 3) [m]; rigid motions do not change it."""
         return _NOTHING
 
     def advanced(self, positions: Array, tracked: Array) -> Array:
-        """Return what it remembers (m,) once a shape (n, 3) [m] is accepted as a step's end.
+        """Return the memory (m,) after a shape (n, 3) [m] is accepted as the end of a step.
 
         Args:
             positions: that shape.
@@ -206,33 +205,33 @@ class Element(ABC):
         return tracked
 
     def fresh(self, memory: Array) -> Array:
-        """Return memory (m,) as a static solution begins with it: without what another one has shown."""
+        """Return the memory (m,) at the start of a static solution, without results of other solutions."""
         return memory
 
     @property
     def remembers_steps(self) -> bool:
-        """Whether it remembers something of a step's end that it has not tracked: then it feels rates."""
+        """Whether its memory changes at the end of a step, not in evaluations: then it depends on rates."""
         return type(self).advanced is not Element.advanced
 
     def shifted(self, nodes: int) -> Self:
-        """Return the same element where this many nodes come before its own."""
+        """Return the same element with all node indices increased by a number."""
         return _replaced(self, {name: getattr(self, name) + nodes for name in _marked(type(self), NODES)})
 
     @classmethod
     def joined(cls, elements: Sequence[Self]) -> Self:
-        """Return several as one, row after row.
+        """Return several elements joined to one, row after row.
 
         Raises:
-            MeshError: constants of them differ.
+            MeshError: their constants differ.
         """
         first = elements[0]
-        for other in elements[1:]:
-            for name in first.differences(other):
-                one, another = getattr(first, name), getattr(other, name)
-                raise MeshError(f"{cls.label} differ in {name}: {one} and {another}")
+        for other_element in elements[1:]:
+            for name in first.differences(other_element):
+                constant, other_constant = getattr(first, name), getattr(other_element, name)
+                raise MeshError(f"{cls.label} differ in {name}: {constant} and {other_constant}")
         rows = [name for name, mark in layout(cls).items() if mark is not None]
         return _replaced(
-            first, {name: np.concatenate([getattr(entry, name) for entry in elements]) for name in rows}
+            first, {name: np.concatenate([getattr(element, name) for element in elements]) for name in rows}
         )
 
     def differences(self, other: Self) -> list[str]:
@@ -241,12 +240,12 @@ class Element(ABC):
         return [name for name in constants if getattr(self, name) != getattr(other, name)]
 
     def all_nodes(self) -> IntArray:
-        """Return the indices (k,) of all nodes that it names."""
+        """Return the indices (k,) of all nodes in its fields."""
         return np.concatenate([np.ravel(getattr(self, name)) for name in _marked(type(self), NODES)])
 
 
 class DirectElement(Element):
-    """An element that shares nothing with others of its kind."""
+    """An element that is evaluated independently of others of its kind."""
 
     @abstractmethod
     def add(
@@ -259,7 +258,7 @@ class DirectElement(Element):
             slots: of the pairs of `coupled`, from `BlockPattern.slots`, or empty.
             gradient: (n, 3) [N].
             blocks: (pattern.blocks, 3, 3) [N/m].
-            at: what acts besides the shape.
+            at: memory, loads and step.
         """
 
     @classmethod
@@ -269,7 +268,7 @@ class DirectElement(Element):
 
 @final
 class _Direct:
-    """A direct element with its places in the tangent."""
+    """A direct element with its indices in the tangent."""
 
     def __init__(self, element: DirectElement, sums: Sums) -> None:
         self._add, self._slots = element.add, sums.slots(element.coupled)
@@ -281,20 +280,20 @@ class _Direct:
 
 
 class LeafElement(DirectElement):
-    """A direct element that one leaf adds, whose arguments are made once for a body."""
+    """A direct element that one kernel adds, with arguments that are prepared once for a body."""
 
     @abstractmethod
     def call(
         self, memory: Remembered, slots: IntArray, gradient: Array, blocks: Array, *, moving: bool
     ) -> Call | None:
-        """Return what adds it; None where it does nothing, whatever the shape.
+        """Return the kernel call that adds it; None if it is zero in every shape.
 
         Args:
-            memory: what it remembers, and room for what it makes of that.
-            slots: of the pairs of `coupled`, from `BlockPattern.slots`; empty: the gradient alone is added.
+            memory: of the element; the present one is filled.
+            slots: of the pairs of `coupled`, from `BlockPattern.slots`; empty for the gradient alone.
             gradient: (n, 3) [N].
             blocks: (pattern.blocks, 3, 3) [N/m].
-            moving: whether it is in a step in time that is not solved closely, see `Instant`.
+            moving: whether it is an ordinary step in time, not solved closely, see `Instant`.
         """
 
     def add(
@@ -308,7 +307,7 @@ class LeafElement(DirectElement):
 
 
 def kinds_known(of: type[Element] = Element) -> list[type[Element]]:
-    """Return all kinds of elements that were imported."""
+    """Return all imported kinds of elements."""
     kinds = of.__subclasses__()
     return [*kinds, *(further for kind in kinds for further in kinds_known(kind))]
 
@@ -318,7 +317,7 @@ def layout(kind: type[Element]) -> dict[str, str | None]:
     """Return the mark of each field of a kind of elements.
 
     Raises:
-        TypeError: it is no frozen dataclass, or has an array without a mark, which copies would not know.
+        TypeError: it is not a frozen dataclass, or has an array without a mark, so that it cannot be copied.
     """
     described: Any = kind
     if "__dataclass_params__" not in vars(kind) or not described.__dataclass_params__.frozen:
@@ -333,12 +332,14 @@ def layout(kind: type[Element]) -> dict[str, str | None]:
 
 
 def _holds_array(hint: Any) -> bool:
-    plain = resolved(hint)
-    return get_origin(plain) is np.ndarray or any(_holds_array(entry) for entry in get_args(plain))
+    resolved_hint = resolved(hint)
+    return get_origin(resolved_hint) is np.ndarray or any(
+        _holds_array(argument) for argument in get_args(resolved_hint)
+    )
 
 
 def _marked(kind: type[Element], mark: str) -> list[str]:
-    return [name for name, found in layout(kind).items() if found == mark]
+    return [name for name, field_mark in layout(kind).items() if field_mark == mark]
 
 
 def _replaced(element: _Kind, changes: dict[str, Any]) -> _Kind:
@@ -348,12 +349,12 @@ def _replaced(element: _Kind, changes: dict[str, Any]) -> _Kind:
 
 
 class EyeletLaws(NamedTuple):
-    """Cables and what they lose at their eyelets, for kernels; segment by segment where nothing else is said.
+    """All cables with the losses at their eyelets, for kernels; one row per segment unless noted.
 
     Args:
         segments: (s, 2), of all cables.
-        routes: (cables + 1,), where the segments of each cable begin.
-        places: (s,), where the eyelet's anchor is in the memory, -1 where it remembers nothing.
+        routes: (cables + 1,), index of the first segment of each cable.
+        places: (s,), index of the eyelet's anchor in the memory; -1 for none.
         laws: (s, 4), c, mu, F [N] and k [N/m].
     """
 
@@ -364,10 +365,10 @@ class EyeletLaws(NamedTuple):
 
     @property
     def tied(self) -> list[IntArray]:
-        """Nodes of each cable that remembers, base to tip; none of the others."""
-        own = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
-        firsts = self.places[self.routes[:-1]]
+        """Nodes of each cable, base to tip; empty for cables without memory."""
+        segments_of_cable = (self.segments[first:last] for first, last in pairwise(self.routes.tolist()))
+        first_anchors = self.places[self.routes[:-1]]
         return [
-            np.append(rows[:, 0], rows[-1, 1]) if place >= 0 else np.zeros(0, np.int64)
-            for rows, place in zip(own, firsts, strict=True)
+            np.append(rows[:, 0], rows[-1, 1]) if first_anchor >= 0 else np.zeros(0, np.int64)
+            for rows, first_anchor in zip(segments_of_cable, first_anchors, strict=True)
         ]

@@ -47,7 +47,7 @@ COLUMNS: Final = STICKS + 1
 
 Pulls: TypeAlias = tuple[tuple[float, ...], tuple[float | None, ...], tuple[float, ...]]
 
-_SLIPS: Final = 1.0 - 1e-9  # of a limit: an eyelet that has slid up to this goes on sliding
+_SLIPS: Final = 1.0 - 1e-9  # of a limit: an eyelet that has slid up to this continues to slide
 
 
 @kernel
@@ -75,17 +75,19 @@ def freeze_losses(x: Matrix, eyelets: EyeletLaws, memory: Vector, base: Vector, 
             if friction > 0.0 and s > first:
                 along = before = square = 0.0
                 for r in range(3):
-                    one = x[segments[s, 1], r] - x[segments[s, 0], r]
-                    two = x[segments[s - 1, 1], r] - x[segments[s - 1, 0], r]
-                    along, before, square = along + one * two, before + one * one, square + two * two
+                    edge = x[segments[s, 1], r] - x[segments[s, 0], r]
+                    edge_before = x[segments[s - 1, 1], r] - x[segments[s - 1, 0], r]
+                    along += edge * edge_before
+                    before += edge * edge
+                    square += edge_before * edge_before
                 cosine = along / max(math.sqrt(before * square), 1e-300)
                 factor *= math.exp(-friction * math.acos(min(1.0, max(-1.0, cosine))))
             upper = min(pull * (1.0 - factor) + constant, pull)
             lower = pull * (1.0 - 1.0 / factor) - constant / factor
             anchor = memory[eyelets.places[s]]
-            ahead = anchor - beyond
-            d = k * ahead
-            if ahead > 0.5 * UNSLID_m or d >= _SLIPS * upper:
+            anchor_lead = anchor - beyond
+            d = k * anchor_lead
+            if anchor_lead > 0.5 * UNSLID_m or d >= _SLIPS * upper:
                 d = upper
             elif d <= _SLIPS * lower:
                 d = lower
@@ -118,44 +120,44 @@ def pull_eyelets(
         pull: (s,) [N], r_i T_0 before.
 
     Returns:
-        The energy [J] less what the change of pull adds to sum T_i L_i.
+        The energy [J], less the change of sum T_i L_i by the changed pull.
     """
     first, last = eyelets.routes[cable], eyelets.routes[cable + 1]
-    beyond, energy, lost = 0.0, 0.0, 0.0
+    beyond, energy, lost_tension = 0.0, 0.0, 0.0
     for s in range(first, last):
         beyond += segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
     for s in range(first, last):
         k, lower, upper = eyelets.laws[s, 3], rows[s, LOWER], rows[s, UPPER]
-        ahead = rows[s, ANCHOR] - beyond
-        untouched, elastic = ahead > 0.5 * UNSLID_m, k * ahead
+        anchor_lead = rows[s, ANCHOR] - beyond
+        untouched, elastic = anchor_lead > 0.5 * UNSLID_m, k * anchor_lead
         d = upper if untouched else min(upper, max(lower, elastic))
         # phi without constants; the term d R belongs to the sum of T_i L_i
         energy += d * (rows[s, ANCHOR] - 0.5 * d / k)
         rows[s, STICKS] = 1.0 if _SLIPS * lower < elastic < _SLIPS * upper else 0.0
         slack = upper <= 0.0 and (untouched or lower >= 0.0)
         tracked[eyelets.places[s]] = beyond + (UNSLID_m if slack else d / k)
-        lost += d - rows[s, PROPORTIONAL]
-        pull[s] -= lost
+        lost_tension += d - rows[s, PROPORTIONAL]
+        pull[s] -= lost_tension
         beyond -= segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
     return energy
 
 
 @device_function
-def _bend(x: Matrix, segments: IndexTable, own: tuple[int, int], node: int, bend: Vector) -> None:
+def _bend(x: Matrix, segments: IndexTable, segment_range: tuple[int, int], node: int, bend: Vector) -> None:
     """Fill the derivative (3,) of a cable's length by one of its eyelets.
 
-    own: where its segments begin and end; node: which eyelet, from 0.
+    segment_range: first segment of the cable, and the one after its last; node: index of the eyelet, from 0.
     """
-    first, last = own
-    ahead = small_vector(3)
+    first, last = segment_range
+    next_direction = small_vector(3)
     for r in range(3):
         bend[r] = 0.0
     if node > 0:
         segment_gradient(x, segments[first + node - 1, 0], segments[first + node - 1, 1], bend)
     if first + node < last:
-        segment_gradient(x, segments[first + node, 0], segments[first + node, 1], ahead)
+        segment_gradient(x, segments[first + node, 0], segments[first + node, 1], next_direction)
         for r in range(3):
-            bend[r] -= ahead[r]
+            bend[r] -= next_direction[r]
 
 
 @kernel
@@ -167,35 +169,35 @@ def hold_eyelets(
     Args:
         x: (n, 3) [m].
         eyelets: see `EyeletLaws`.
-        rows: (s, COLUMNS), as `pull_eyelets` has left them.
+        rows: (s, COLUMNS), filled by `pull_eyelets`.
         cable: which one.
         slots: of all pairs of its eyelets, see `BlockPattern.slots`.
         blocks: (b, 3, 3) [N/m].
     """
     first, last = eyelets.routes[cable], eyelets.routes[cable + 1]
-    one, two, begins = small_vector(3), small_vector(3), small_vector(3)
-    value = small_matrix(3, 3)
-    before = 0.0
+    bend_a, bend_b, begins = small_vector(3), small_vector(3), small_vector(3)
+    block = small_matrix(3, 3)
+    stiffness_before = 0.0
     for b in range(last - first):
         k = eyelets.laws[first + b, 3] * rows[first + b, STICKS]
-        if before + k > 0.0:
+        if stiffness_before + k > 0.0:
             segment_gradient(x, eyelets.segments[first + b, 0], eyelets.segments[first + b, 1], begins)
-            _bend(x, eyelets.segments, (first, last), b, two)
+            _bend(x, eyelets.segments, (first, last), b, bend_b)
             for a in range(b, last - first + 1):
-                _bend(x, eyelets.segments, (first, last), a, one)
+                _bend(x, eyelets.segments, (first, last), a, bend_a)
                 for r in range(3):
-                    own = -begins[r] if a == b else one[r]
+                    gradient_a = -begins[r] if a == b else bend_a[r]
                     for c in range(3):
-                        value[r, c] = before * one[r] * two[c] - k * own * begins[c]
-                add_block(blocks, slots[a * (a + 1) // 2 + b], value)
-        before += k
+                        block[r, c] = stiffness_before * bend_a[r] * bend_b[c] - k * gradient_a * begins[c]
+                add_block(blocks, slots[a * (a + 1) // 2 + b], block)
+        stiffness_before += k
     # the anchor, where no segment begins
-    _bend(x, eyelets.segments, (first, last), last - first, one)
+    _bend(x, eyelets.segments, (first, last), last - first, bend_a)
     for r in range(3):
         for c in range(3):
-            value[r, c] = before * one[r] * one[c]
+            block[r, c] = stiffness_before * bend_a[r] * bend_a[c]
     a = last - first
-    add_block(blocks, slots[a * (a + 1) // 2 + a], value)
+    add_block(blocks, slots[a * (a + 1) // 2 + a], block)
 
 
 @kernel
@@ -205,38 +207,38 @@ def eyelet_loss(x: Matrix, eyelets: EyeletLaws, before: Vector, after: Vector) -
     Args:
         x: (n, 3) [m], at the end.
         eyelets: see `EyeletLaws`.
-        before: (values,), what elements remember at the beginning.
-        after: the same at the end.
+        before: (values,), memory of the elements at the start.
+        after: memory at the end.
     """
     work = 0.0
     for cable in range(eyelets.routes.shape[0] - 1):
         beyond, first = 0.0, eyelets.routes[cable]
         for s in range(eyelets.routes[cable + 1] - 1, first - 1, -1):
             beyond += segment_length(x, eyelets.segments[s, 0], eyelets.segments[s, 1])
-            place = eyelets.places[s]
-            if place >= 0 and max(before[place], after[place]) - beyond < 0.5 * UNSLID_m:
-                work += eyelets.laws[s, 3] * (after[place] - beyond) * (before[place] - after[place])
+            anchor = eyelets.places[s]
+            if anchor >= 0 and max(before[anchor], after[anchor]) - beyond < 0.5 * UNSLID_m:
+                work += eyelets.laws[s, 3] * (after[anchor] - beyond) * (before[anchor] - after[anchor])
     return work
 
 
 def eyelet_laws(cables: tuple[Cable, ...], places: tuple[slice, ...]) -> EyeletLaws:
-    """Return the eyelets of cables as kernels take them.
+    """Return the eyelets of cables, for kernels.
 
     Args:
         cables: of a body.
-        places: of each in the memory.
+        places: slice of each in the memory.
     """
-    none, pairs = np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
+    no_indices, pairs = np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
     counts = [len(cable.segments) for cable in cables]
-    where = [
-        np.arange(own.start, own.stop) if cable.remembers else np.full(count, -1)
-        for cable, own, count in zip(cables, places, counts, strict=True)
+    anchor_places = [
+        np.arange(memory_slice.start, memory_slice.stop) if cable.remembers else np.full(count, -1)
+        for cable, memory_slice, count in zip(cables, places, counts, strict=True)
     ]
     laws = [np.tile(cable.law, (count, 1)) for cable, count in zip(cables, counts, strict=True)]
     return EyeletLaws(
         np.concatenate([pairs, *(cable.segments for cable in cables)]),
         np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64),
-        np.concatenate([none, *where]),
+        np.concatenate([no_indices, *anchor_places]),
         np.concatenate([np.zeros((0, 4)), *laws]),
     )
 
@@ -244,36 +246,38 @@ def eyelet_laws(cables: tuple[Cable, ...], places: tuple[slice, ...]) -> EyeletL
 def frozen_losses(
     eyelets: EyeletLaws, cables: tuple[Cable, ...], positions: Array, memory: Array, pulls: Pulls
 ) -> Array:
-    """Return what losses at a given shape make of cables, (segments, COLUMNS).
+    """Return the frozen losses of cables at a shape, (segments, COLUMNS).
 
-    The tension over that at the base end; of a cable whose length is commanded the weight w_i (see
-    cables of commanded length).
+    They are tensions relative to that at the base end; for a cable of commanded length the weights w_i, see
+    `cable`.
 
     Args:
         eyelets: of all cables.
         cables: of a body.
         positions: (n, 3) [m].
-        memory: (values,), what elements remember of the last accepted state.
-        pulls: commanded tensions [N], lengths [m] or None, and q of a step; the second is empty where no
-            length is commanded, the third where q is 1 of all.
+        memory: (values,), of the elements at the last accepted state.
+        pulls: commanded tensions [N], lengths [m] or None, and q of a step; the second is empty if no
+            length is commanded, the third if q is 1 for all cables.
     """
     tension, lengths = pulls[0] or (0.0,) * len(cables), pulls[1] or (None,) * len(cables)
     stiffening = pulls[2] or (1.0,) * len(cables)
     rows = np.zeros((len(eyelets.segments), COLUMNS))
-    given = list(zip(cables, tension, lengths, pairwise(eyelets.routes.tolist()), strict=True))
+    commands = list(zip(cables, tension, lengths, pairwise(eyelets.routes.tolist()), strict=True))
     if any(cable.remembers for cable in cables):
         base = [
             pull if length is None else base_tension(cable, positions, length, q)
-            for (cable, pull, length, _), q in zip(given, stiffening, strict=True)
+            for (cable, pull, length, _), q in zip(commands, stiffening, strict=True)
         ]
         freeze_losses(positions, eyelets, memory, np.array(base), rows)
-    for cable, _, length, (first, last) in given:
-        own = rows[first:last]
+    for cable, _, length, (first, last) in commands:
+        cable_rows = rows[first:last]
         if not cable.remembers:
-            own[:, RATIO] = own[:, BASE_FRACTION] = cable.tension_ratio(positions)
+            cable_rows[:, RATIO] = cable_rows[:, BASE_FRACTION] = cable.tension_ratio(positions)
         if length is not None:
             lengths_m = cable.segment_lengths(positions)
-            own[:, BASE_FRACTION] = own[:, RATIO] * (lengths_m.sum() / (own[:, RATIO] @ lengths_m))
+            cable_rows[:, BASE_FRACTION] = cable_rows[:, RATIO] * (
+                lengths_m.sum() / (cable_rows[:, RATIO] @ lengths_m)
+            )
     return rows
 
 
@@ -284,10 +288,12 @@ def tensions(pull_N: float, cable: Cable, positions: Array, memory: Array) -> Ar
         pull_N: T_0.
         cable: which one.
         positions: (n, 3) [m].
-        memory: (eyelets - 1,) [m], what it remembers; empty of a cable that does not.
+        memory: (eyelets - 1,) [m], its anchors; empty for a cable without memory.
     """
     if not cable.remembers:
         return pull_N * cable.tension_ratio(positions)
     beyond = np.cumsum(cable.segment_lengths(positions)[::-1])[::-1]
-    ahead = memory - beyond
-    return np.asarray(pull_N - np.cumsum(np.where(ahead > 0.5 * UNSLID_m, 0.0, cable.law[3] * ahead)))
+    anchor_lead = memory - beyond
+    return np.asarray(
+        pull_N - np.cumsum(np.where(anchor_lead > 0.5 * UNSLID_m, 0.0, cable.law[3] * anchor_lead))
+    )

@@ -4,8 +4,8 @@ A group is a ring, or the nodes on one plate. With its drawn positions X (m, 3) 
 of Q a basis of constants and of coordinates in the plane (or space) of X, P x is how far the nodes deviate
 from the closest affine image of X.
     energy = k |P x|^2 / 2 + sum over chords k (l - L)^2 / 2,   chords from each node i to node i + m // 3.
-The first term resists warping, out of the plane too, and knows no rigid motion; the chords resist what an
-affine image can still do, stretch and shear. As k grows the ring becomes rigid; the error falls with 1 / k.
+The first term resists warping, also out of the plane, and is zero in rigid motions; the chords resist the
+other affine deformations, stretch and shear. As k grows the ring becomes rigid; the error falls with 1 / k.
 """
 
 import math
@@ -144,7 +144,7 @@ class FrameRings(LeafElement):
     def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> "FrameRings":
         """Return one frame of nodes that sit on a plate, in any order.
 
-        The order decides which chords there are: of several, the one is taken that resists every strain most.
+        The order determines the chords; of several orders, the one that resists every strain most is used.
 
         Args:
             positions: (n, 3) [m], drawn shape.

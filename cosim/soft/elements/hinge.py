@@ -8,12 +8,12 @@ Beyond them the moment grows as k (theta1 - theta0) - (2 k theta1 / pi) tan(pi (
 This would be infinite where the two films touch (theta = 0 or 2 pi), and shapes with crossed films would have
 no energy. So from x_c theta1 on, a closed fold, the moment continues along its tangent, also beyond
 theta = 0; the energy is finite and twice differentiable except for a kink of the tangent at x_c theta1.
-Angles are unwrapped: of those that fit the shape, the one within pi of the last accepted state's is taken.
+Angles are unwrapped: of the angles that fit the shape, that within pi of the last accepted one is used.
 A fold that has closed by 0.003 rad too far reads -0.003, not 2 pi - 0.003; one that turns by more than pi at
 once reads as one that has turned the other way.
 Source: Liu and Paulino, Proc. R. Soc. A 473 (2017) 20170348, equations for theta and the barrier; the
 second derivatives are written here in the orthonormal frames of the two triangles.
-Energy and gradient are summed in groups, one hinge per lane; neither m nor n is brought to unit length:
+Energy and gradient are summed in groups, one hinge per lane; neither m nor n is normalised:
     theta = atan2(|e| m . w, m . n),
     a = dtheta/dx_i = |e| m / m^2,   b = dtheta/dx_l = -|e| n / n^2,
     dtheta/dx_j = (alpha - 1) a - beta b,   dtheta/dx_k = (beta - 1) b - alpha a,
@@ -83,7 +83,7 @@ def fold_law(angle: float, rest: float, stiffness: float, theta1: float) -> tupl
     return energy, sign * moment, stiffness / (cosine * cosine)
 
 
-# Quantity q of lane e is at s[q * LANES + e]: constant distances are what lets loops over lanes vectorise.
+# Quantity q of lane e is at s[q * LANES + e]: constant strides let loops over lanes vectorise.
 LANES = 64
 U, E, W, A, B, ALPHA, BETA, ANGLE, MOMENT, TANGENT, ENERGY, FORCE = (
     LANES * place for place in (0, 3, 6, 9, 12, 15, 16, 17, 18, 19, 20, 21)
@@ -110,14 +110,14 @@ class HingeRows(NamedTuple):
 
 @device_function
 def nodes_of(hinges: IndexTable, h: int) -> tuple[Any, Any, Any, Any]:
-    """Return the nodes of a hinge, of a type that needs no test for places counted from the end."""
+    """Return the nodes of a hinge, unsigned, so that no test for negative indices is compiled."""
     i, j, k, m = hinges[h, 0], hinges[h, 1], hinges[h, 2], hinges[h, 3]
     return np.uint64(i), np.uint64(j), np.uint64(k), np.uint64(m)
 
 
 @device_function
 def differentiate(x: Matrix, hinges: IndexTable, first: int, lanes: int, s: Vector) -> None:
-    """Fill u, e, w, angle, a, b, alpha and beta of a group; lanes to spare repeat the first hinge."""
+    """Fill u, e, w, angle, a, b, alpha and beta of a group; spare lanes repeat the first hinge."""
     for lane in range(LANES):
         h = first + (lane if lane < lanes else 0)
         i, j, k, m = nodes_of(hinges, h)
@@ -146,22 +146,22 @@ def differentiate(x: Matrix, hinges: IndexTable, first: int, lanes: int, s: Vect
 
 @device_function
 def load(springs: HingeRows, angles: Remembered, first: int, lanes: int, s: Vector) -> float:
-    """Write a group's unwrapped angles, fill its moments and tangents; return the energy."""
-    k, free, theta1 = springs.stiffness[first:], springs.rest[first:], springs.fold_barrier
+    """Fill a group's unwrapped angles, moments and tangents; return the energy."""
+    k, rest_angle, theta1 = springs.stiffness[first:], springs.rest[first:], springs.fold_barrier
     before, after = angles.before[first:], angles.now[first:]
     for lane in range(lanes):
         angle = s[ANGLE + lane]
         beyond = angle - before[lane]
         angle = angle - TURN if beyond > math.pi else angle + TURN if beyond < -math.pi else angle
         after[lane] = s[ANGLE + lane] = angle
-        off, stiffness = angle - free[lane], k[lane]
-        s[ENERGY + lane], s[MOMENT + lane] = 0.5 * stiffness * off * off, stiffness * off
+        deviation, stiffness = angle - rest_angle[lane], k[lane]
+        s[ENERGY + lane], s[MOMENT + lane] = 0.5 * stiffness * deviation * deviation, stiffness * deviation
         s[TANGENT + lane] = stiffness
     total = 0.0
     for lane in range(lanes):
         angle = s[ANGLE + lane]
         if not theta1 < angle < TURN - theta1:
-            law = fold_law(angle, free[lane], k[lane], theta1)
+            law = fold_law(angle, rest_angle[lane], k[lane], theta1)
             s[ENERGY + lane], s[MOMENT + lane], s[TANGENT + lane] = law
         total += s[ENERGY + lane]
     return total
@@ -182,30 +182,30 @@ def _second_derivatives(s: Vector, begin: int, h: Vector) -> None:
         e0, e1, e2 = s[E + at], s[E + LANES + at], s[E + 2 * LANES + at]
         a0, a1, a2 = s[A + at], s[A + LANES + at], s[A + 2 * LANES + at]
         b0, b1, b2 = s[B + at], s[B + LANES + at], s[B + 2 * LANES + at]
-        over = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
-        unit = math.sqrt(over)
-        a, b, e = (a0, a1, a2), (b0, b1, b2), (e0 * over, e1 * over, e2 * over)
+        inverse_square = 1.0 / (e0 * e0 + e1 * e1 + e2 * e2)
+        unit = math.sqrt(inverse_square)
+        a, b, e = (a0, a1, a2), (b0, b1, b2), (e0 * inverse_square, e1 * inverse_square, e2 * inverse_square)
         p = unit * (e1 * a2 - e2 * a1), unit * (e2 * a0 - e0 * a2), unit * (e0 * a1 - e1 * a0)
         q = unit * (e1 * b2 - e2 * b1), unit * (e2 * b0 - e0 * b2), unit * (e0 * b1 - e1 * b0)
         for c in range(3):
-            d_alpha = over * s[U + c * LANES + at] - 2.0 * alpha * e[c]
-            d_beta = over * s[W + c * LANES + at] + e[c] - 2.0 * beta * e[c]
+            d_alpha = inverse_square * s[U + c * LANES + at] - 2.0 * alpha * e[c]
+            d_beta = inverse_square * s[W + c * LANES + at] + e[c] - 2.0 * beta * e[c]
             for r in range(3):
-                place, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
+                entry, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
                 first, second = p[r] * a[c] + a[r] * p[c], q[r] * b[c] + b[r] * q[c]
                 a_e, b_e = alpha * first - e[r] * a[c], beta * second - e[r] * b[c]
-                h[_II + place] = -first
+                h[_II + entry] = -first
                 h[_JI + mirror] = first - a_e
                 h[_KI + mirror] = a_e
-                h[_LL + place] = second
-                h[_LK + place] = b_e - second
-                h[_LJ + place] = -b_e
-                h[_KK + place] = (beta - 1.0) * (b_e - second) + b[r] * d_beta - alpha * a_e - a[r] * d_alpha
+                h[_LL + entry] = second
+                h[_LK + entry] = b_e - second
+                h[_LJ + entry] = -b_e
+                h[_KK + entry] = (beta - 1.0) * (b_e - second) + b[r] * d_beta - alpha * a_e - a[r] * d_alpha
 
 
 @device_function
 def _complete(s: Vector, begin: int, h: Vector) -> None:
-    """Fill what translations fix, and turn second derivatives of the angle into those of the energy."""
+    """Fill the other second derivatives of the angle by invariance; replace all by those of the energy."""
     for lane in range(_FEW):
         at = begin + lane
         alpha, beta, moment, tangent = s[ALPHA + at], s[BETA + at], s[MOMENT + at], s[TANGENT + at]
@@ -223,23 +223,23 @@ def _complete(s: Vector, begin: int, h: Vector) -> None:
         )
         for r in range(3):
             for c in range(3):
-                place, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
-                kj = -h[_KI + place] - h[_LK + mirror] - h[_KK + place]
-                jk = -h[_KI + mirror] - h[_LK + place] - h[_KK + mirror]
-                jj = -h[_JI + place] - h[_LJ + mirror] - jk
-                h[_KJ + place] = moment * kj + tangent * k[r] * j[c]
-                h[_JJ + place] = moment * jj + tangent * j[r] * j[c]
+                entry, mirror = (3 * r + c) * _FEW + lane, (3 * c + r) * _FEW + lane
+                kj = -h[_KI + entry] - h[_LK + mirror] - h[_KK + entry]
+                jk = -h[_KI + mirror] - h[_LK + entry] - h[_KK + mirror]
+                jj = -h[_JI + entry] - h[_LJ + mirror] - jk
+                h[_KJ + entry] = moment * kj + tangent * k[r] * j[c]
+                h[_JJ + entry] = moment * jj + tangent * j[r] * j[c]
         for r in range(3):
             for c in range(3):
-                place = (3 * r + c) * _FEW + lane
-                h[_II + place] = moment * h[_II + place] + tangent * a[r] * a[c]
-                h[_JI + place] = moment * h[_JI + place] + tangent * j[r] * a[c]
-                h[_KI + place] = moment * h[_KI + place] + tangent * k[r] * a[c]
-                h[_KK + place] = moment * h[_KK + place] + tangent * k[r] * k[c]
-                h[_LI + place] = tangent * b[r] * a[c]
-                h[_LJ + place] = moment * h[_LJ + place] + tangent * b[r] * j[c]
-                h[_LK + place] = moment * h[_LK + place] + tangent * b[r] * k[c]
-                h[_LL + place] = moment * h[_LL + place] + tangent * b[r] * b[c]
+                entry = (3 * r + c) * _FEW + lane
+                h[_II + entry] = moment * h[_II + entry] + tangent * a[r] * a[c]
+                h[_JI + entry] = moment * h[_JI + entry] + tangent * j[r] * a[c]
+                h[_KI + entry] = moment * h[_KI + entry] + tangent * k[r] * a[c]
+                h[_KK + entry] = moment * h[_KK + entry] + tangent * k[r] * k[c]
+                h[_LI + entry] = tangent * b[r] * a[c]
+                h[_LJ + entry] = moment * h[_LJ + entry] + tangent * b[r] * j[c]
+                h[_LK + entry] = moment * h[_LK + entry] + tangent * b[r] * k[c]
+                h[_LL + entry] = moment * h[_LL + entry] + tangent * b[r] * b[c]
 
 
 @device_function
@@ -296,7 +296,7 @@ def add_hinges(
     """Add all hinges to gradient and, if slots is not empty, their Hessian to blocks.
 
     Angles are unwrapped against those before. Returns the energy [J]. One loop for both, with a branch for
-    the Hessian, takes a fifth longer without it.
+    the Hessian, would take a fifth longer without the Hessian.
     """
     s, count, energy = small_vector(ROOM), springs.nodes.shape[0], 0.0
     if slots.shape[0] == 0:
@@ -332,7 +332,7 @@ class Hinges(LeafElement):
 
     @cached_property
     def _bends(self) -> bool:
-        """Whether they do anything: springs without stiffness and barrier do not, whatever their angles."""
+        """Whether they have a potential: any stiffness or barrier."""
         return bool(self.stiffness.any()) or self.fold_barrier_rad > 0.0
 
     @property
@@ -351,7 +351,7 @@ class Hinges(LeafElement):
 
     @cached_property
     def arrays(self) -> HingeRows:
-        """The springs as kernels know them."""
+        """The springs, for kernels."""
         nodes, stiffness, rest = writable(self.nodes), writable(self.stiffness), writable(self.rest_angle)
         return HingeRows(nodes, stiffness, rest, self.fold_barrier_rad)
 
@@ -387,7 +387,7 @@ def mean_square_angle(positions: Array, hinges: IntArray) -> Array:
 
 
 def hinge_areas(positions: Array, triangles: IntArray, hinges: IntArray) -> Array:
-    """Return the area (h,) [m^2] that each hinge represents; each triangle is shared out among its hinges.
+    """Return the area (h,) [m^2] that each hinge represents; triangles are divided among their hinges.
 
     Args:
         positions: (n, 3) [m], drawn shape.
@@ -406,8 +406,8 @@ def hinge_areas(positions: Array, triangles: IntArray, hinges: IntArray) -> Arra
     edges = np.sort(directed_edges(triangles), axis=1) @ number
     hinge = order[np.minimum(np.searchsorted(keys[order], edges), len(order) - 1)]
     carried = keys[hinge] == edges
-    share = triangle_area(positions, triangles) / np.maximum(carried.reshape(-1, 3).sum(axis=1), 1)
-    np.add.at(areas, hinge[carried], np.repeat(share, 3)[carried])
+    area_per_hinge = triangle_area(positions, triangles) / np.maximum(carried.reshape(-1, 3).sum(axis=1), 1)
+    np.add.at(areas, hinge[carried], np.repeat(area_per_hinge, 3)[carried])
     stray = np.flatnonzero(areas == 0.0)
     if stray.size:
         edge = hinges[stray[0], 1:3].tolist()

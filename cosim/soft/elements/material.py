@@ -12,7 +12,7 @@ from cosim.soft.elements.fabric import Fabric
 
 FilmLaw: TypeAlias = Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"]
 
-# laws as kernels know them, see cosim.base.kernel_cache
+# codes of the laws in kernels, see cosim.base.kernel_cache
 PLAIN: Final = 0
 TENSION_FIELD: Final = 1
 EDGE_STRAIN: Final = 2
@@ -37,17 +37,17 @@ class Film:
         young_modulus_Pa: Young's modulus; of fabric E_1, along the warp.
         poisson_ratio: between -1 and 1 (plane stress; 1/2 is incompressible); of fabric nu.
         thickness_m: thickness.
-        law: how the film answers to strain.
+        law: of the membrane force by strain.
         compressive_fraction: of the plain law's compressive stiffness that a "tension_field" keeps, 0 to 1.
         wrinkle_panel_m: width of the panels that a "wrinkling" film wrinkles in, such as from the seam to the
-            hole; None: that of the mesh, which must know it.
+            hole; None: that of the mesh, which must have one.
         loss_factor: tan delta of the material; 0 for none.
         loss_frequency_Hz: at which it holds.
-        fabric: what woven film has besides; its law is "plain" or "tension_field".
+        fabric: further constants of woven film; its law is "plain" or "tension_field".
         buckling_force_N_m: compression across any line that a "tension_field" bears before it wrinkles.
 
     Raises:
-        InputError: a constant out of its bounds, an unknown law, or what does not fit the law.
+        InputError: a constant out of its bounds, an unknown law, or a constant that does not fit the law.
     """
 
     young_modulus_Pa: float
@@ -110,17 +110,17 @@ class Film:
 
     @property
     def law_code(self) -> int:
-        """The law as the kernels know it; yarns that straighten have one, plain or tension field."""
+        """Code of the law in kernels; yarns that straighten have a separate one, plain or tension field."""
         return STRAIGHTENING if (self.yarns[:, 0] > 0.0).any() else _LAWS[self.law]
 
     @property
     def compression(self) -> Array:
-        """(2,): what a tension field keeps of the plain law's compressive stiffness, and its force [N/m].
+        """(2,): fraction of the plain law's compressive stiffness in a tension field, and its force [N/m].
 
         A plain film keeps all of its stiffness.
         """
-        kept = 1.0 if self.law == "plain" else self.compressive_fraction
-        return np.array([kept, self.buckling_force_N_m])
+        remaining_fraction = 1.0 if self.law == "plain" else self.compressive_fraction
+        return np.array([remaining_fraction, self.buckling_force_N_m])
 
     @property
     def loss_time_s(self) -> float:
@@ -148,7 +148,7 @@ class Film:
 
     @property
     def yarns(self) -> Array:
-        """(2, 2): what the modulus along warp and weft grows by [N/m], and up to which strain."""
+        """(2, 2): growth of the stiffness along warp and weft [N/m], and the strain at which it ends."""
         fabric = self.fabric
         if fabric is None:
             return np.array([[0.0, 1.0], [0.0, 1.0]])

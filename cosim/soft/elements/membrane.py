@@ -141,7 +141,7 @@ LANES = 64
 _D1, _D2, ENERGY, STRAIN, FORCE = 0, 3 * LANES, 6 * LANES, 7 * LANES, 10 * LANES
 _WHICH, _PLATE, _HARDENING, _FIRST, _FOUND = (LANES * place for place in (13, 14, 15, 16, 17))
 SIZE = 21 * LANES
-_STRIDE = 8  # lanes of the widest registers: what wrinkles is filled up to full ones
+_STRIDE = 8  # lanes of the widest registers; wrinkled triangles are padded to a multiple of it
 
 
 def in_lanes(shape_gradients: Array, areas: Array) -> Array:
@@ -162,8 +162,8 @@ def in_lanes(shape_gradients: Array, areas: Array) -> Array:
 def stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vector, s: Vector) -> None:
     """Fill F^T and strains, and forces A N and energies of the plain law, of a group of triangles.
 
-    Lanes to spare repeat the first of them. Nodes are of a type that needs no test for places counted from
-    the end.
+    Spare lanes repeat the first triangle. Node indices are unsigned, so that no test for negative indices is
+    compiled.
     """
     triangles, stiffness = film.triangles, film.stiffness
     for lane in range(LANES):  # both edges from node 0
@@ -201,8 +201,8 @@ def stretch(x: Matrix, film: MembraneRows, first: int, lanes: int, drawn: Vector
 def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Vector) -> None:
     """Replace forces A N and energies where a triangle is not taut.
 
-    Such lanes are listed, their strains, s0 and f0 moved to the front; up to the next full run the last is
-    repeated.
+    Such lanes are listed, their strains, s0 and f0 moved to the front; the last is
+    repeated up to the next multiple of the registers' lanes.
     """
     n, no_tangent = small_vector(3), small_matrix(0, 0)
     count = 0
@@ -217,9 +217,9 @@ def _wrinkle(drawn: Vector, forces: Matrix, lanes: int, stiffness: Matrix, s: Ve
             s[STRAIN + r * LANES + count] = s[STRAIN + r * LANES + lane]
         count += 1
     for spare in range(count, -(-count // _STRIDE) * _STRIDE):
-        for place in (_PLATE, _HARDENING, STRAIN, STRAIN + LANES, STRAIN + 2 * LANES):
-            s[place + spare] = s[place + count - 1]
-    for lane in range(-(-count // _STRIDE) * _STRIDE):  # as of the wrinkled state, and N1, which tells it
+        for quantity in (_PLATE, _HARDENING, STRAIN, STRAIN + LANES, STRAIN + 2 * LANES):
+            s[quantity + spare] = s[quantity + count - 1]
+    for lane in range(-(-count // _STRIDE) * _STRIDE):  # as if wrinkled; N1 shows whether it is
         plate, hardening = s[_PLATE + lane], s[_HARDENING + lane]
         e11, e22, e12 = s[STRAIN + lane], s[STRAIN + LANES + lane], s[STRAIN + 2 * LANES + lane]
         e1, e2, cosine, sine = principal(e11, e22, e12)
@@ -264,18 +264,18 @@ def scatter(
         i, j, k = np.uint64(triangles[e, 0]), np.uint64(triangles[e, 1]), np.uint64(triangles[e, 2])
         energy += s[ENERGY + lane]
         for r in range(3):
-            one, two = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
-            gradient[j, r] += one
-            gradient[k, r] += two
-            gradient[i, r] -= one + two
+            force_1, force_2 = s[_D1 + r * LANES + lane], s[_D2 + r * LANES + lane]
+            gradient[j, r] += force_1
+            gradient[k, r] += force_2
+            gradient[i, r] -= force_1 + force_2
     return energy
 
 
 @device_function
 def _straighten(strain: tuple[float, float, float], yarns: Matrix, n: Vector, c: Matrix) -> float:
-    """Add to n (3,) and c (3, 3) what straightening yarns resist; return the density [J/m^2].
+    """Add forces and stiffness of straightening yarns to n (3,) and c (3, 3); return the density [J/m^2].
 
-    Law: see `fabric`. It has no compression and is convex, so that a tension field with it is one.
+    Law: see `fabric`. It has no compression and is convex, so a tension field with yarns is still one.
 
     Args:
         strain: E11, E22, 2 E12, along warp and weft.
@@ -420,11 +420,11 @@ class Membranes(LeafElement):
         triangles: (m, 3) node indices.
         shape_gradients: (m, 3, 2) [1/m], g_a in each triangle's own plane axes; of fabric warp and weft.
         areas: (m,) [m^2], drawn shape.
-        wrinkle_panel_m: (m,) [m], of the panels in which a "wrinkling" film wrinkles; 0 where nobody said it.
+        wrinkle_panel_m: (m,) [m], of the panels in which a "wrinkling" film wrinkles; 0 for unknown.
         film: material.
 
     Raises:
-        InputError: the film wrinkles, and nothing says how wide its panels are.
+        InputError: the film wrinkles, and the width of its panels is unknown.
     """
 
     label: ClassVar[str] = "triangles"
@@ -458,7 +458,7 @@ class Membranes(LeafElement):
 
         Raises:
             MeshError: a triangle has no area, or the warp of a fabric is normal to it.
-            InputError: the film wrinkles, and nothing says how wide its panels are.
+            InputError: the film wrinkles, and the width of its panels is unknown.
         """
         d1 = positions[triangles[:, 1]] - positions[triangles[:, 0]]
         d2 = positions[triangles[:, 2]] - positions[triangles[:, 0]]
@@ -501,7 +501,7 @@ class Membranes(LeafElement):
 
     @cached_property
     def arrays(self) -> MembraneRows:
-        """The triangles as kernels know them."""
+        """The triangles, for kernels."""
         return MembraneRows(
             writable(self.triangles), writable(self.shape_gradients), writable(self.areas),
             in_lanes(self.shape_gradients, self.areas), self._stiffness, self.film.law_code,

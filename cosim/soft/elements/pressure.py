@@ -182,7 +182,7 @@ def add_cap_force(x: Matrix, ring: Indices, pressure: float, gradient: Matrix) -
 def add_cap_stiffness(x: Matrix, ring: Indices, pressure: float, out: Cubes) -> None:
     """Add the derivative (k, k, 3, 3) [N/m] of `add_cap_force` by the ring's nodes, not symmetric."""
     count = ring.shape[0]
-    mean, left, right = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
+    mean, first_cross, second_cross = small_vector(3), small_matrix(3, 3), small_matrix(3, 3)
     first, second = small_vector(3), small_vector(3)
     for r in range(3):
         mean[r] = 0.0
@@ -192,30 +192,30 @@ def add_cap_stiffness(x: Matrix, ring: Indices, pressure: float, out: Cubes) -> 
         following = (i + 1) % count
         for r in range(3):
             first[r], second[r] = x[ring[i], r] - mean[r], x[ring[following], r] - mean[r]
-        _cross_block(first, pressure / 6.0, left)
-        _cross_block(second, pressure / 6.0, right)
+        _cross_block(first, pressure / 6.0, first_cross)
+        _cross_block(second, pressure / 6.0, second_cross)
         for t in range(count):
-            # a triangle's corners take it in full; its third at the mean point is spread over all nodes
+            # the thirds at a triangle's corners act there; that at the mean point is divided among all nodes
             weight = 1.0 / count + (1.0 if t in (i, following) else 0.0)
             for r in range(3):
                 for c in range(3):
-                    out[t, i, r, c] -= weight * right[r, c]
-                    out[t, following, r, c] += weight * left[r, c]
+                    out[t, i, r, c] -= weight * second_cross[r, c]
+                    out[t, following, r, c] += weight * first_cross[r, c]
                     for b in range(count):
-                        out[t, b, r, c] += weight * (right[r, c] - left[r, c]) / count
+                        out[t, b, r, c] += weight * (second_cross[r, c] - first_cross[r, c]) / count
 
 
 def cap_stiffness(positions: Array, ring: IntArray, pressure_Pa: float) -> Array:
-    """Return the derivative (3 k, 3 k) [N/m] of what `add_cap_force` adds, not symmetric.
+    """Return the derivative (3 k, 3 k) [N/m] of the gradient from `add_cap_force`, not symmetric.
 
     Args:
         positions: (n, 3) [m].
         ring: (k,) nodes.
         pressure_Pa: gauge pressure.
     """
-    found, size = np.zeros((len(ring), len(ring), 3, 3)), 3 * len(ring)
-    add_cap_stiffness(np.ascontiguousarray(positions), ring, pressure_Pa, found)
-    return found.transpose(0, 2, 1, 3).reshape(size, size)
+    stiffness, size = np.zeros((len(ring), len(ring), 3, 3)), 3 * len(ring)
+    add_cap_stiffness(np.ascontiguousarray(positions), ring, pressure_Pa, stiffness)
+    return stiffness.transpose(0, 2, 1, 3).reshape(size, size)
 
 
 @final
@@ -227,11 +227,11 @@ class GasChambers:
     """
 
     def __init__(self, enclosures: Iterable[tuple[IntArray, Sequence[IntArray]]]) -> None:
-        none = np.zeros(0, np.int64)
+        no_nodes = np.zeros(0, np.int64)
         self._chambers = [
             (
                 np.ascontiguousarray(triangles),
-                np.concatenate([none, *caps]),
+                np.concatenate([no_nodes, *caps]),
                 np.cumsum([0, *map(len, caps)]),
                 caps,
             )
@@ -241,13 +241,13 @@ class GasChambers:
 
     def enclosed_volumes(self, shapes: Array) -> Array:
         """Return the volume (k, chambers) [m^3] of each chamber in shapes (k, n, 3) [m]."""
-        found = np.empty((self.count, len(shapes)))
-        for (triangles, rings, starts, _), out in zip(self._chambers, found, strict=True):
-            fill_volumes(shapes, triangles, rings, starts, out)
-        return found.T.copy()
+        volumes = np.empty((self.count, len(shapes)))
+        for (triangles, rings, starts, _), chamber_volumes in zip(self._chambers, volumes, strict=True):
+            fill_volumes(shapes, triangles, rings, starts, chamber_volumes)
+        return volumes.T.copy()
 
     def open_cap_stiffness(self, positions: Array, pressures_Pa: Array) -> list[tuple[IntArray, Array]]:
-        """Return what missing caps add to the stiffness, by ring.
+        """Return the stiffness terms of missing caps, by ring.
 
         Args:
             positions: (n, 3) [m].

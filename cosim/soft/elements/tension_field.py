@@ -13,7 +13,7 @@ a cone nearest to y / a:
 Of isotropic film A1 = A2, so that z = (y0 + |(y1, y2)|) / A1: E t e1 / 2, e1 the first principal strain.
 psi is convex with a continuous gradient; its second derivative jumps where the state changes.
 A fraction f of the plain law can stay, f psi_plain + (1 - f) psi: the film's bending resists fine wrinkles.
-With f = 0 a slack triangle has no resistance and may collapse, which a hinge next to it cannot bear. The rest
+With f = 0 a slack triangle has no resistance and may collapse; a hinge next to it has then no angle. The rest
 of the plain law softens once a length is below 1 / sqrt(3) of the drawn one, and vanishes with the length. So
 with 0 < f < 1 a triangle whose area is below that fraction, d = det(2 E + 1) < d0 = 1/3, has in addition
     psi_packed = f (1 - f) C11 (d0 / d - 1)^3,
@@ -71,7 +71,7 @@ def tension_field(
 
 @device_function
 def _packed(strain: tuple[float, float, float], packing: float, n: Vector, c: Matrix) -> float:
-    """Add to n (3,) and c (3, 3) what keeps a triangle from vanishing; return the density [J/m^2].
+    """Add psi_packed to n (3,) and c (3, 3), so that a triangle keeps an area; return the density [J/m^2].
 
     Args:
         strain: E11, E22, 2 E12.
@@ -89,10 +89,10 @@ def _packed(strain: tuple[float, float, float], packing: float, n: Vector, c: Ma
     above = ratio - 1.0
     slope = -6.0 * packing * above * above * ratio / square
     curvature = 24.0 * packing * above * ratio * (ratio + above) / (square * square)
-    for r, one in ((0, first), (1, second), (2, third)):
-        n[r] += slope * one
-        for s, other in ((0, first), (1, second), (2, third)):
-            c[r, s] += curvature * one * other
+    for r, by_r in ((0, first), (1, second), (2, third)):
+        n[r] += slope * by_r
+        for s, by_s in ((0, first), (1, second), (2, third)):
+            c[r, s] += curvature * by_r * by_s
     c[0, 1] += 2.0 * slope
     c[1, 0] += 2.0 * slope
     c[2, 2] -= slope
@@ -103,7 +103,7 @@ def _packed(strain: tuple[float, float, float], packing: float, n: Vector, c: Ma
 def _relaxed(
     strain: tuple[float, float, float], stiffness: Matrix, fraction: float, n: Vector, c: Matrix
 ) -> float:
-    """Do what `tension_field` does, of a film that resists no compression.
+    """Fill n and c as `tension_field` does, for a film that resists no compression.
 
     In the wrinkled state x = z (1, p1, p2) stays on the cone, whose tangent plane there has the directions
     a = (1, p1, p2) and w = (0, -p2, p1). By e both are turned into those of N:
@@ -121,10 +121,10 @@ def _relaxed(
         Energy density [J/m^2].
     """
     e11, e22, e12 = strain
-    k, both, shear = 1.0, stiffness[0, 0], stiffness[2, 2]
-    if stiffness[1, 1] != both:
-        k, both = math.sqrt(math.sqrt(stiffness[1, 1] / both)), math.sqrt(both * stiffness[1, 1])
-    mean, half = 0.5 * (both + stiffness[0, 1]), 0.5 * (both - stiffness[0, 1])
+    k, modulus, shear = 1.0, stiffness[0, 0], stiffness[2, 2]
+    if stiffness[1, 1] != modulus:
+        k, modulus = math.sqrt(math.sqrt(stiffness[1, 1] / modulus)), math.sqrt(modulus * stiffness[1, 1])
+    mean, half = 0.5 * (modulus + stiffness[0, 1]), 0.5 * (modulus - stiffness[0, 1])
     y0, y1, y2 = e11 / k + k * e22, e11 / k - k * e22, e12
     x0, x1, x2 = mean * y0, half * y1, shear * y2
     taut = x0 > 0.0 and x1 * x1 + x2 * x2 <= x0 * x0
@@ -149,10 +149,10 @@ def _relaxed(
     w0, w1, w2 = -p2 / k, k * p2, p1  # turning it
     for r, along, turned in ((0, t0, w0), (1, t1, w1), (2, t2, w2)):
         n[r] += relaxed * z * along
-        one, other = q_ww * along - q_aw * turned, q_aa * turned - q_aw * along
-        c[r, 0] += one * t0 + other * w0
-        c[r, 1] += one * t1 + other * w1
-        c[r, 2] += one * t2 + other * w2
+        along_row, turn_row = q_ww * along - q_aw * turned, q_aa * turned - q_aw * along
+        c[r, 0] += along_row * t0 + turn_row * w0
+        c[r, 1] += along_row * t1 + turn_row * w1
+        c[r, 2] += along_row * t2 + turn_row * w2
     return density + 0.5 * relaxed * z * (y0 + p1 * y1 + p2 * y2)
 
 
@@ -160,7 +160,7 @@ def _relaxed(
 def _on_cone(y: tuple[float, float, float], a: tuple[float, float, float]) -> tuple[float, float, float]:
     """Return z, p1, p2 with |p| = 1 from y and a0, A1, A2, by Newton's method on 1 - 1 / |p|.
 
-    That grows and is concave in z: from below, where it begins, no step goes too far.
+    The function grows and is concave in z, so Newton's method from below never overshoots.
     """
     y0, y1, y2 = y
     z = max(y0 / a[0], (y0 + math.sqrt(y1 * y1 + y2 * y2)) / max(a[1], a[2]))

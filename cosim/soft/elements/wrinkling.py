@@ -36,9 +36,9 @@ PLATE: Final = 2.3
 """beta: buckling load of a triangular plate over pi^2 D / A."""
 LARGEST_PLATE_RATIO: Final = 1.5
 """Bound of s0 / f0, chosen on a mesh refined three times; it acts where triangles are smaller yet."""
-_ROOT_STEPS: Final = 5  # the start is off by 0.25 of 0.6 at most, and each squares half of what is left
+_ROOT_STEPS: Final = 5  # the start is off by at most 0.25 of 0.6; each step squares half of the error
 _THIRD: Final = np.uint64(0x55555556)  # of 2^32, rounded up
-_BIAS: Final = np.uint64(715094163)  # two thirds of the exponent's, less what makes the largest error least
+_BIAS: Final = np.uint64(715094163)  # 2/3 of the exponent's bias, less a constant for the least error
 _HALF: Final = np.uint64(32)  # of the bits
 _SWEEPS: Final = 200  # each leaves at most nu^2 of the error, mostly far less: 2 to 4 are common
 
@@ -113,7 +113,7 @@ def turn_forces(first: float, second: float, cosine: float, sine: float) -> tupl
 def density(
     strain: tuple[float, float], first: float, below: tuple[float, float], plate: float, hardening: float
 ) -> float:
-    """Return psi of principal strains, of N1, and of what N1 and N2 are below -plate."""
+    """Return psi from principal strains, N1, and the amounts by which N1 and N2 are below -plate."""
     e1, e2 = strain
     r1, r2 = below
     t1, t2 = r1 / hardening, r2 / hardening
@@ -145,7 +145,7 @@ def wrinkling(
         plate: s0 [N/m].
         hardening: f0 [N/m].
         n: filled.
-        c: (3, 3), filled, or empty if it is not asked for.
+        c: (3, 3), filled; empty if it is not needed.
 
     Returns:
         Energy density [J/m^2].

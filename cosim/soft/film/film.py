@@ -158,8 +158,10 @@ class FilmPotential:
 
     def _prepare_cables(self) -> None:
         cables = self.body.cables
-        slices = tuple(place for element, place in self._memory_slices if isinstance(element, Cable))
-        self.eyelets: EyeletLaws = eyelets.eyelet_laws(cables, slices)
+        memory_slices = tuple(
+            memory_slice for element, memory_slice in self._memory_slices if isinstance(element, Cable)
+        )
+        self.eyelets: EyeletLaws = eyelets.eyelet_laws(cables, memory_slices)
         """The eyelets of all cables."""
         self.routes = [slice(*pair) for pair in pairwise(self.eyelets.routes.tolist())]
         """Slice of each cable's segments among all."""
@@ -183,9 +185,9 @@ class FilmPotential:
     @cached_property
     def _plain_chambers(self) -> list[_Chamber]:
         """The chambers for the gradient alone."""
-        none = _NO_TABLE, _NO_SLOTS
+        no_slots = _NO_TABLE, _NO_SLOTS
         return [
-            _Chamber(np.ascontiguousarray(triangles), rings, none[0], [none[1]] * len(rings))
+            _Chamber(np.ascontiguousarray(triangles), rings, no_slots[0], [no_slots[1]] * len(rings))
             for triangles, rings in self.body.enclosures
         ]
 
@@ -230,13 +232,13 @@ class FilmPotential:
 
     def add_open_caps(self, positions: Array) -> None:
         """Add the symmetric part of the terms of open caps at positions (n, 3) [m] to the tangent."""
-        for ring, part in self.open_cap_stiffness(positions):
+        for ring, cap_terms in self.open_cap_stiffness(positions):
             count, slots = len(ring), self.tangent.pattern.slots(ring[None])[0]
-            whole = (0.5 * (part + part.T)).reshape(count, 3, count, 3).swapaxes(1, 2)
-            pairs = whole[np.tril_indices(count)]
-            turned = slots < 0
-            pairs[turned] = pairs[turned].swapaxes(1, 2)
-            np.add.at(self.tangent.blocks, np.where(turned, -1 - slots, slots), pairs)
+            symmetric_blocks = (0.5 * (cap_terms + cap_terms.T)).reshape(count, 3, count, 3).swapaxes(1, 2)
+            pairs = symmetric_blocks[np.tril_indices(count)]
+            transposed = slots < 0
+            pairs[transposed] = pairs[transposed].swapaxes(1, 2)
+            np.add.at(self.tangent.blocks, np.where(transposed, -1 - slots, slots), pairs)
 
     def losses_at(self, positions: Array, loads: Loads, memory: Array | None = None) -> Array:
         """Return the losses along cables at a given shape (segments, COLUMNS), see `eyelets`.
@@ -250,17 +252,17 @@ class FilmPotential:
             return self._losses
         before = self.body.first_memory() if memory is None and self.slides else memory
         pulls = loads.cable_tension_N, loads.cable_length_m, loads.cable_stiffening
-        known = _NO_MEMORY if before is None else before
-        return eyelets.frozen_losses(self.eyelets, self.body.cables, positions, known, pulls)
+        start_memory = _NO_MEMORY if before is None else before
+        return eyelets.frozen_losses(self.eyelets, self.body.cables, positions, start_memory, pulls)
 
     def unslid(self, memory: Array, accepted: Array) -> Array:
         """Return the memory (values,) of a solution, with eyelets reset to the accepted state before it."""
         if not self.slides:
             return memory
-        places = self.eyelets.places
-        result, places = memory.copy(), places[places >= 0]
-        result[places] = accepted[places]
-        return result
+        anchors = self.eyelets.places
+        reset_memory, anchors = memory.copy(), anchors[anchors >= 0]
+        reset_memory[anchors] = accepted[anchors]
+        return reset_memory
 
     def lost_at_eyelets(self, positions: Array, before: Array, after: Array) -> float:
         """Return the work lost at eyelets [J] from one accepted state to the next.
@@ -281,10 +283,10 @@ class FilmPotential:
         """
         if not self._advancing:
             return memory
-        result = memory.copy()
-        for element, own in self._advancing:
-            result[own] = element.advanced(positions, memory[own])
-        return result
+        new_memory = memory.copy()
+        for element, memory_slice in self._advancing:
+            new_memory[memory_slice] = element.advanced(positions, memory[memory_slice])
+        return new_memory
 
     @property
     def freshens(self) -> bool:
@@ -293,10 +295,10 @@ class FilmPotential:
 
     def fresh(self, memory: Array) -> Array:
         """Return the memory (values,) at the start of a static solution, see `Element.fresh`."""
-        result = memory.copy()
-        for element, own in self._freshened:
-            result[own] = element.fresh(memory[own])
-        return result
+        new_memory = memory.copy()
+        for element, memory_slice in self._freshened:
+            new_memory[memory_slice] = element.fresh(memory[memory_slice])
+        return new_memory
 
     def evaluate(
         self,
@@ -308,7 +310,7 @@ class FilmPotential:
         inertia: Inertia | None = None,
         hessian: bool = True,
     ) -> float:
-        """Sum potential, gradient and (unless told not to) tangent.
+        """Sum potential, gradient and, with `hessian`, the tangent.
 
         Args:
             positions: (n, 3) [m], world, C-contiguous.
@@ -341,10 +343,10 @@ class FilmPotential:
         """Fill the tangent as well; return the potential [J]."""
         self.blocks.fill(0.0)
         dense: list[_DenseTerm] = []
-        own = self._moving_tangent_calls if acting.moving else self._still_tangent_calls
+        element_calls = self._moving_tangent_calls if acting.moving else self._still_tangent_calls
         simple = not (self.slides or acting.winches)
-        acts = self._calls_of(acting.loads, acting.inertia, acting.pull, self.blocks, simple=simple)
-        energy = self._sum(x, acting, [*own, *acts], dense)
+        load_calls = self._calls_of(acting.loads, acting.inertia, acting.pull, self.blocks, simple=simple)
+        energy = self._sum(x, acting, [*element_calls, *load_calls], dense)
         low_rank, pairs = None, acting.loads.self_contact
         if dense:
             low_rank = LowRank(
@@ -393,9 +395,9 @@ class FilmPotential:
         winches = self._winches(loads, rows) if any(loads.cable_length_m) else []
         if inertia is not None:
             moving = inertia.step_s < np.inf and not inertia.closely
-        own = self._moving_calls if moving else self._still_calls
+        element_calls = self._moving_calls if moving else self._still_calls
         simple = not (self.slides or winches)
-        calls = [*own, *self._calls_of(loads, inertia, pull, _NO_BLOCKS, simple=simple)]
+        calls = [*element_calls, *self._calls_of(loads, inertia, pull, _NO_BLOCKS, simple=simple)]
         gases = loads.gases(self.gas.count) if any(loads.gas) else ()
         if gases and not self.conservative:
             raise InputError("a sealed gas needs a closed body; this one has open caps")
@@ -414,34 +416,34 @@ class FilmPotential:
             inertia: of a step.
             pull: (segments,) [N].
             blocks: of the tangent; empty for the gradient alone.
-            simple: whether `pull` is the tension of all segments, whatever the shape.
+            simple: whether `pull` is the tension of all segments in every shape.
         """
         gradient, with_tangent = self.gradient, len(blocks) > 0
-        found = [Call(unchecked(add_gravity), (self.mass, loads.gravity_vector, gradient))]
+        calls = [Call(unchecked(add_gravity), (self.mass, loads.gravity_vector, gradient))]
         if simple and len(pull):
             slots = self._segment_slots if with_tangent else _NO_TABLE
-            found.append(
+            calls.append(
                 Call(unchecked(add_segments), (self.eyelets.segments, pull, slots, gradient, blocks))
             )
         if loads.contact is not None:
-            found.append(Call(unchecked(add_contacts), (loads.contact, gradient, blocks)))
+            calls.append(Call(unchecked(add_contacts), (loads.contact, gradient, blocks)))
         if inertia is not None:
             diagonal = self._diagonal if with_tangent else _NO_SLOTS
             arguments = inertia.coefficient, inertia.target, diagonal, gradient, blocks
-            found.append(Call(unchecked(add_inertia), arguments))
+            calls.append(Call(unchecked(add_inertia), arguments))
             if inertia.rates is not None:
-                found += self._rate_calls(inertia.rates, blocks)
+                calls += self._rate_calls(inertia.rates, blocks)
         if loads.self_contact is not None:
-            found.append(Call(unchecked(add_pairs), (loads.self_contact.rows, gradient)))
-        return found
+            calls.append(Call(unchecked(add_pairs), (loads.self_contact.rows, gradient)))
+        return calls
 
     def _rate_calls(self, rates: StrainRates, blocks: Array) -> list[Call]:
         angles = Remembered(self.before[rates.angles], self.memory[rates.angles])
         if len(blocks):
-            slots = [self.pattern.slots(each.coupled) for each in self.body.membranes]
+            slots = [self.pattern.slots(membranes.coupled) for membranes in self.body.membranes]
             return rates.calls(angles, slots, self.pattern.slots(rates.hinges), self.gradient, blocks)
-        none = [_NO_TABLE] * len(self.body.membranes)
-        return rates.calls(angles, none, _NO_TABLE, self.gradient, blocks)
+        no_slots = [_NO_TABLE] * len(self.body.membranes)
+        return rates.calls(angles, no_slots, _NO_TABLE, self.gradient, blocks)
 
     @cached_property
     def _still_calls(self) -> list[Call]:
@@ -462,27 +464,29 @@ class FilmPotential:
     def _element_calls(
         self, slots: Callable[[IntArray], IntArray], blocks: Array, *, moving: bool
     ) -> list[Call]:
-        found = []
-        for element, own in self._memory_slices:
+        element_calls = []
+        for element, memory_slice in self._memory_slices:
             if isinstance(element, LeafElement):
-                memory = Remembered(self.before[own], self.memory[own])
-                found.append(
+                memory = Remembered(self.before[memory_slice], self.memory[memory_slice])
+                element_calls.append(
                     element.call(memory, slots(element.coupled), self.gradient, blocks, moving=moving)
                 )
-        calls, x = [call for call in found if call is not None], writable(self.body.positions)
+        calls, x = [call for call in element_calls if call is not None], writable(self.body.positions)
         compile_kernels(call.leaf for call in calls)
         return [Call(unchecked_for(leaf, x, *arguments), arguments) for leaf, arguments in calls]
 
     def _winches(self, loads: Loads, rows: Array) -> list[_Winch]:
-        found, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)
-        given = zip(self.routes, self.body.cables, loads.cable_length_m, stiffening, strict=True)
-        for own, cable, length, q in given:
+        winches, stiffening = [], loads.cable_stiffening or (1.0,) * len(self.routes)
+        cable_rows = zip(self.routes, self.body.cables, loads.cable_length_m, stiffening, strict=True)
+        for segments, cable, length, stiffening_of_cable in cable_rows:
             if length is not None:
                 # the first segment has w_1 = r_1 / m, so that m follows from it
-                mean = rows[own.start, eyelets.RATIO] / rows[own.start, eyelets.BASE_FRACTION]
-                weights = np.ascontiguousarray(rows[own, eyelets.BASE_FRACTION])
-                found.append(_Winch(own, weights, cable.stiffness_N_m * float(mean), length, q))
-        return found
+                mean = rows[segments.start, eyelets.RATIO] / rows[segments.start, eyelets.BASE_FRACTION]
+                weights = np.ascontiguousarray(rows[segments, eyelets.BASE_FRACTION])
+                winches.append(
+                    _Winch(segments, weights, cable.stiffness_N_m * float(mean), length, stiffening_of_cable)
+                )
+        return winches
 
     def _add_cables(self, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
         """Add cables with commanded length or with memory of sliding; return their energy [J]."""
@@ -490,8 +494,8 @@ class FilmPotential:
         np.copyto(pull, acting.pull)
         for winch in acting.winches:
             energy += self._wind(x, winch, pull, dense)
-        for number, own in enumerate(self.routes if self.slides else ()):
-            if self.eyelets.places[own.start] >= 0:
+        for number, segments in enumerate(self.routes if self.slides else ()):
+            if self.eyelets.places[segments.start] >= 0:
                 energy += eyelets.pull_eyelets(x, self.eyelets, rows, number, self.memory, pull)
                 if dense is not None:
                     eyelets.hold_eyelets(x, self.eyelets, rows, number, self._eyelet_slots[number], blocks)
@@ -512,22 +516,22 @@ class FilmPotential:
 
     def _add_gas(self, number: int, x: Array, acting: FilmLoads, dense: list[_DenseTerm] | None) -> float:
         """Add the gas of a chamber; return its potential [J], infinite if sealed gas has no volume."""
-        plain, gauge_Pa = self._plain_chambers[number], acting.pressures[number]
+        chamber, gauge_Pa = self._plain_chambers[number], acting.pressures[number]
         gas = acting.gases[number] if acting.gases else None
         if gas is not None:
             vector = np.zeros_like(self.gradient)
-            volume = _press(plain, x, -1.0, vector, _NO_BLOCKS)
+            volume = _press(chamber, x, -1.0, vector, _NO_BLOCKS)
             gauge_Pa = gas.gauge_pressure(volume)
             if not gauge_Pa < np.inf:
                 return np.inf
             if dense is not None:
                 dense.append(_DenseTerm(gas.exponent * (gauge_Pa + gas.ambient_Pa) / volume, vector))
         if dense is None:
-            volume = _press(plain, x, gauge_Pa, self.gradient, _NO_BLOCKS)
+            volume = _press(chamber, x, gauge_Pa, self.gradient, _NO_BLOCKS)
         else:
             volume = _press(self._tangent_chambers[number], x, gauge_Pa, self.gradient, self.blocks)
         if not self.body.closed:
-            for ring in plain.rings:
+            for ring in chamber.rings:
                 pressure.add_cap_force(x, ring, gauge_Pa, self.gradient)
         self.pressures_Pa[number], self.volumes_m3[number] = gauge_Pa, volume
         return -gauge_Pa * volume if gas is None else gas.potential(volume)
@@ -537,8 +541,8 @@ class FilmPotential:
         inertia, extra, energy = acting.inertia, acting.loads.extra, 0.0
         step_s, closely = (np.inf, False) if inertia is None else (inertia.step_s, inertia.closely)
         at = Instant(self.before, self.memory, step_s, acting.loads, closely)
-        for term, own in self._further:
-            energy += term.add(x, at if own is None else at.part(own), hessian)
+        for term, memory_slice in self._further:
+            energy += term.add(x, at if memory_slice is None else at.part(memory_slice), hessian)
         return energy if extra is None else energy + extra.add(x, self._sums, hessian)
 
 
@@ -555,16 +559,19 @@ def _further(body: SoftBody, sums: Sums) -> list[tuple[Term, slice | None]]:
 
     The slice is None if no other element of the body has memory.
     """
-    found: list[tuple[Term, slice]] = []
-    places = dict(zip(map(id, body.elements), body.memory_slices, strict=True))
+    terms_of_body: list[tuple[Term, slice]] = []
+    slice_of = dict(zip(map(id, body.elements), body.memory_slices, strict=True))
     for kind in body.kinds:
         if issubclass(kind, (LeafElement, Cable)):
             continue
         alike = [element for element in body.of_kind(kind) if type(element) is kind]
-        own = [places[id(element)] for element in alike]
+        memory_slices = [slice_of[id(element)] for element in alike]
         terms: Sequence[Any] = kind.bound(alike, sums) if alike else ()
         if len(terms) < len(alike):  # one for all
-            own = [slice(own[0].start, own[-1].stop)]
-        found += zip(terms, own, strict=True)
-    remembering = sum(place.stop > place.start for place in places.values())
-    return [(term, own if remembering > 1 and own.stop > own.start else None) for term, own in found]
+            memory_slices = [slice(memory_slices[0].start, memory_slices[-1].stop)]
+        terms_of_body += zip(terms, memory_slices, strict=True)
+    remembering = sum(memory_slice.stop > memory_slice.start for memory_slice in slice_of.values())
+    return [
+        (term, memory_slices if remembering > 1 and memory_slices.stop > memory_slices.start else None)
+        for term, memory_slices in terms_of_body
+    ]

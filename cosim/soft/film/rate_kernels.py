@@ -6,7 +6,7 @@ and resists rates of strain with tau times its stiffness. In a step that ends at
 with E' and s of the difference formula of the velocities: E' = E_n, s = h with implicit Euler;
 E' = (4 E_n - E_n-1) / 3, s = 2 h / 3 with BDF2. Its gradient is the force of the film's rate of strain,
     force N = R (E - E'),   gradient_a = A F N g_a,   power lost = A (E - E') : R (E - E') / s >= 0.
-Green strain does not change in a rigid motion, which is not resisted. D is taken at the shape at the start of
+Green strain does not change in a rigid motion, which is not resisted. D is that of the shape at the start of
 the step, so that the potential is a sum of squares, and the loss is never negative. The tangents of convex
 laws are positive semidefinite; that of "edge_strain" need not be, and is replaced by the plain one. A
 wrinkled film resists with its tangent, almost nothing across its wrinkles, whose strain is hidden by bending;

@@ -45,7 +45,7 @@ def directed_edges(triangles: IntArray) -> IntArray:
 
 
 def check_mesh(positions: Array, triangles: IntArray, sheets: Sequence[IntArray] = ()) -> None:
-    """Refuse a surface on which the elements cannot work.
+    """Refuse a surface on which elements are not defined.
 
     Args:
         positions: (n, 3) [m].
@@ -117,10 +117,10 @@ def _check_edges(positions: Array, triangles: IntArray) -> None:
     inverse = inverse.ravel()
     bad = np.flatnonzero(count > 2)
     if bad.size:
-        some = (np.flatnonzero(inverse == bad[0]) // 3)[:_NAMED].tolist()
+        sharing = (np.flatnonzero(inverse == bad[0]) // 3)[:_NAMED].tolist()
         raise MeshError(
             f"edge {undirected[bad[0]].tolist()} {_at(positions, undirected[bad[0]])} belongs to "
-            f"{count[bad[0]]} triangles {some}"
+            f"{count[bad[0]]} triangles {sharing}"
             f"{' and others' if count[bad[0]] > _NAMED else ''}; 2 at most"
         )
     forward, count = np.unique(edges, axis=0, return_counts=True)
@@ -139,7 +139,7 @@ def interior_hinges(triangles: IntArray, seam: IntArray | Sequence[int] = ()) ->
 
     An edge shared by two triangles folds, unless both its ends are seam nodes: two films welded
     along a seam turn freely about it. Row [i, j, k, l]: j-k is the edge; the triangle with l runs
-    along it from j to k, the one with i from k to j. So `dihedral_angle` is taken on the inner side
+    along it from j to k, the one with i from k to j. So `dihedral_angle` is measured on the inner side
     (through the gas, if normals point outward): less than pi where the surface is convex, and near
     2 pi at the hole ring where two units meet.
 
@@ -179,8 +179,8 @@ def triangles_beside(triangles: IntArray, hinges: IntArray) -> IntArray:
 
     keys = key(triangles)
     order = np.argsort(keys)
-    found = [order[np.searchsorted(keys[order], key(hinges[:, list(n)]))] for n in ((0, 1, 2), (1, 2, 3))]
-    return np.stack(found, axis=1)
+    beside = [order[np.searchsorted(keys[order], key(hinges[:, list(n)]))] for n in ((0, 1, 2), (1, 2, 3))]
+    return np.stack(beside, axis=1)
 
 
 def dihedral_angle(positions: Array, hinges: IntArray) -> Array:
@@ -213,7 +213,7 @@ _EIGHTH = math.tan(math.pi / 8.0)
 def full_angle(sine: float, cosine: float) -> float:
     """Return atan2(sine, cosine) in [0, 2 pi), to 2e-15; NaN where both are zero.
 
-    The ratio is brought to |t| <= tan(pi / 8); there (atan(t) / t - 1) / t^2 is a polynomial in t^2 that
+    The ratio is reduced to |t| <= tan(pi / 8); there (atan(t) / t - 1) / t^2 is a polynomial in t^2 that
     meets the series at 11 Chebyshev points (5e-18 off in between).
     """
     height, width = abs(sine), abs(cosine)
@@ -289,7 +289,7 @@ def mean_beside(triangles: IntArray, hinges: IntArray, values: Array) -> Array:
         values: (m,) of each triangle, not negative.
     """
     first, second = values[triangles_beside(triangles, hinges)].T
-    # equal values are their mean to the last bit
+    # the mean of equal values is exact
     ratio = np.divide(2.0 * second, first + second, out=np.zeros(len(hinges)), where=first + second > 0.0)
     return np.asarray(first * ratio)
 
@@ -331,12 +331,12 @@ def rims(triangles: IntArray) -> tuple[IntArray, ...]:
     if len(following) < alone.sum():
         ends, times = np.unique(edges[alone, 1], return_counts=True)
         raise MeshError(f"two rims of the film meet in node {ends[times > 1][0]}; they must not")
-    found = []
+    closed_rims = []
     while following:
-        first, here = following.popitem()
+        first, node = following.popitem()
         rim = [first]
-        while here != first:
-            rim.append(here)
-            here = following.pop(here)
-        found.append(np.array(rim, dtype=np.int64))
-    return tuple(sorted(found, key=lambda rim: int(rim.min())))
+        while node != first:
+            rim.append(node)
+            node = following.pop(node)
+        closed_rims.append(np.array(rim, dtype=np.int64))
+    return tuple(sorted(closed_rims, key=lambda rim: int(rim.min())))

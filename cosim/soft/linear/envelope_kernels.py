@@ -130,12 +130,12 @@ def list_entries(row: Indices, column: Indices, number: IndexTable, before: int,
 
 
 @device_function
-def _products(store: Vector, a: Any, wide: Any, b: Any, other: Any, count: Any) -> _Sums:
+def _products(store: Vector, a: Any, wide_a: Any, b: Any, wide_b: Any, count: Any) -> _Sums:
     """Return the sums of products of four rows at a and four at b, over `count` columns."""
     s00 = s01 = s02 = s03 = s10 = s11 = s12 = s13 = 0.0
     s20 = s21 = s22 = s23 = s30 = s31 = s32 = s33 = 0.0
-    at1, at2, at3 = a + wide, a + _2 * wide, a + _3 * wide
-    to1, to2, to3 = b + other, b + _2 * other, b + _3 * other
+    at1, at2, at3 = a + wide_a, a + _2 * wide_a, a + _3 * wide_a
+    to1, to2, to3 = b + wide_b, b + _2 * wide_b, b + _3 * wide_b
     for k in range(count):
         a0, a1, a2, a3 = store[a + k], store[at1 + k], store[at2 + k], store[at3 + k]
         b0, b1, b2, b3 = store[b + k], store[to1 + k], store[to2 + k], store[to3 + k]
@@ -202,28 +202,28 @@ def factorise(values: Vector, entries: TileEntries, shift: float, size: int, fac
     """
     start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     for i in range(np.uint64(start.shape[0])):
-        wide = _4 * (i - first[i] + _1)
-        store[start[i] : start[i] + _4 * wide] = 0.0
+        wide_i = _4 * (i - first[i] + _1)
+        store[start[i] : start[i] + _4 * wide_i] = 0.0
         for e in range(entries.first[i], entries.first[i + _1]):
             store[entries.place[e]] = values[entries.source[e]]
         for r in range(_4):
-            store[start[i] + r * wide + wide - _4 + r] += shift if _4 * i + r < np.uint64(size) else 1.0
+            store[start[i] + r * wide_i + wide_i - _4 + r] += shift if _4 * i + r < np.uint64(size) else 1.0
         for j in range(first[i], i):
             begin = max(first[i], first[j])
-            other = _4 * (j - first[j] + _1)
+            wide_j = _4 * (j - first[j] + _1)
             a, b = start[i] + _4 * (begin - first[i]), start[j] + _4 * (begin - first[j])
-            sums = _products(store, a, wide, b, other, _4 * (j - begin))
-            at, to1 = start[i] + _4 * (j - first[i]), start[j] + other - _4 + other
-            to2, to3, c = to1 + other, to1 + _2 * other, _4 * j
+            sums = _products(store, a, wide_i, b, wide_j, _4 * (j - begin))
+            at, to1 = start[i] + _4 * (j - first[i]), start[j] + wide_j - _4 + wide_j
+            to2, to3, c = to1 + wide_j, to1 + _2 * wide_j, _4 * j
             below = store[to1], store[to2], store[to2 + _1], store[to3], store[to3 + _1], store[to3 + _2]
             scale = inverse[c], inverse[c + _1], inverse[c + _2], inverse[c + _3]
             _finish_row(store, at, sums[0], below, scale)
-            _finish_row(store, at + wide, sums[1], below, scale)
-            _finish_row(store, at + _2 * wide, sums[2], below, scale)
-            _finish_row(store, at + _3 * wide, sums[3], below, scale)
+            _finish_row(store, at + wide_i, sums[1], below, scale)
+            _finish_row(store, at + _2 * wide_i, sums[2], below, scale)
+            _finish_row(store, at + _3 * wide_i, sums[3], below, scale)
         a = start[i]
-        sums = _products(store, a, wide, a, wide, wide - _4)
-        if not _finish_diagonal(store, a + wide - _4, wide, inverse, _4 * i, sums):
+        sums = _products(store, a, wide_i, a, wide_i, wide_i - _4)
+        if not _finish_diagonal(store, a + wide_i - _4, wide_i, inverse, _4 * i, sums):
             return False
     return True
 
@@ -255,8 +255,8 @@ def _substitute_forward(factor: Any, begin: Any, x: Any) -> None:
 def _substitute_backward(factor: Any, x: Any) -> None:
     start, first, store, inverse = factor.start, factor.first, factor.store, factor.inverse
     groups = np.uint64(start.shape[0])
-    for done in range(groups):
-        i = groups - _1 - done
+    for step in range(groups):
+        i = groups - _1 - step
         wide, column, e = _4 * (i - first[i] + _1), _4 * first[i], _4 * i
         a, count = start[i], wide - _4
         b, c, d = a + wide, a + _2 * wide, a + _3 * wide
@@ -282,7 +282,7 @@ def turned(values: Matrix, turn: Matrix) -> None:
 @allocating
 def _substitute(factor: Any, dofs: Indices, turn: Matrix, loads: Blocks) -> None:
     x = np.zeros(4 * factor.start.shape[0], factor.store.dtype)
-    back = turn.T.copy()
+    turn_back = turn.T.copy()
     for case in range(loads.shape[0]):
         turned(loads[case], turn)
         values = loads[case].reshape(-1)
@@ -293,7 +293,7 @@ def _substitute(factor: Any, dofs: Indices, turn: Matrix, loads: Blocks) -> None
         values[:] = 0.0
         for e in range(dofs.shape[0]):
             values[dofs[e]] = x[e]
-        turned(loads[case], back)
+        turned(loads[case], turn_back)
 
 
 @kernel(reorder_sums=True, allocates=True)
@@ -309,12 +309,12 @@ def substitute_singly(factor: SingleFactor, dofs: Indices, turn: Matrix, loads: 
 
 
 @kernel(reorder_sums=True)
-def forward(factor: TileFactor, dofs: Indices, loads: Matrix, found: Matrix) -> None:
+def forward(factor: TileFactor, dofs: Indices, loads: Matrix, solutions: Matrix) -> None:
     """Fill found (k, 4 tiles), zero before, with L^-1 b of each of loads (k, 3 n); equation e is dofs[e]."""
     for case in range(loads.shape[0]):
         begin = dofs.shape[0]
         for e in range(dofs.shape[0] - 1, -1, -1):
-            found[case, e] = loads[case, dofs[e]]
-            if found[case, e] != 0.0:
+            solutions[case, e] = loads[case, dofs[e]]
+            if solutions[case, e] != 0.0:
                 begin = e
-        _substitute_forward(factor, np.uint64(begin // 4), found[case])
+        _substitute_forward(factor, np.uint64(begin // 4), solutions[case])

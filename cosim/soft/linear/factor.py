@@ -80,8 +80,8 @@ class Factor:
     def fit(self, pattern: BlockPattern) -> LinearSolver:
         """Return the linear solver for blocks of a pattern; a factorisation of another pattern is lost."""
         if self.solver.pattern is not pattern:
-            own = pattern is self._own
-            self.solver = self.narrow if own else self._solver_for(pattern, self.narrow)
+            is_body_pattern = pattern is self._own
+            self.solver = self.narrow if is_body_pattern else self._solver_for(pattern, self.narrow)
             self.key = None
         return self.solver
 
@@ -132,8 +132,8 @@ class Factor:
         solver = self.solver
         if isinstance(solver, EnvelopeCholesky) and solver.correction is None:
             leaf = unchecked(substitute_singly if roughly else substitute)
-            for factor, dofs, own in solver.rounded if roughly else solver.factors:
-                leaf(factor, dofs, turn, out[None, own])
+            for factor, dofs, nodes in solver.rounded if roughly else solver.factors:
+                leaf(factor, dofs, turn, out[None, nodes])
         else:
             out[:] = solver.solve(out, turn)
         unchecked(secant_step)(self._pairs, self._known, out)
@@ -147,6 +147,6 @@ class Factor:
             before: (n, 3) [N], gradient at the start of the step.
             after: gradient at its end.
         """
-        known = self._known
-        self._known = unchecked(add_pair)(self._pairs, known, step, before, after, self._free)
-        return self._known > known
+        pairs_before = self._known
+        self._known = unchecked(add_pair)(self._pairs, pairs_before, step, before, after, self._free)
+        return self._known > pairs_before

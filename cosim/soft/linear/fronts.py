@@ -70,33 +70,33 @@ class FrontTree:
         ranked, parent = _rests(graph, groups)
         order = np.concatenate(groups)
         rests = [_present(number[order[rest]]) for rest in ranked]
-        own = np.array([int((number[group] >= 0).sum()) for group in groups])
-        first = np.cumsum([0, *own])
+        owned = np.array([int((number[group] >= 0).sum()) for group in groups])
+        first = np.cumsum([0, *owned])
         count = np.array([len(rest) for rest in rests])
         rows = [
-            _rows(rest, int(first[k]), int(own[k]), rests[k]) if k >= 0 else np.zeros(0, np.int64)
+            _rows(rest, int(first[k]), int(owned[k]), rests[k]) if k >= 0 else np.zeros(0, np.int64)
             for rest, k in zip(rests, parent, strict=True)
         ]
-        rest_first, place = np.cumsum([0, *count]), np.concatenate(rows)
-        run_first, runs = _runs(place, rest_first, own[parent], count[parent])
+        rest_first, rows_in_parents = np.cumsum([0, *count]), np.concatenate(rows)
+        run_first, runs = _runs(rows_in_parents, rest_first, owned[parent], count[parent])
         by_parent = np.argsort(parent, kind="stable")
         by_parent = by_parent[parent[by_parent] >= 0]
-        left, stack = _stacked(count, parent)
+        stack_starts, stack = _stacked(count, parent)
         padded = COLUMNS * -(-count // COLUMNS)
         return cls(
-            first, np.cumsum([0, *(own * (own + padded))]), rest_first, np.concatenate(rests), place,
-            np.searchsorted(parent[by_parent], np.arange(len(groups) + 1)), by_parent, left, run_first, runs,
-            stack,
+            first, np.cumsum([0, *(owned * (owned + padded))]), rest_first, np.concatenate(rests),
+            rows_in_parents, np.searchsorted(parent[by_parent], np.arange(len(groups) + 1)), by_parent,
+            stack_starts, run_first, runs, stack,
         )  # fmt: skip
 
     def place(self, row: IntArray, column: IntArray) -> tuple[IntArray, IntArray]:
         """Return the front of each entry (row >= column) of the matrix, and its index in that front."""
         front = np.searchsorted(self.first, column, side="right") - 1
-        size, own = self.first[-1], np.diff(self.first)
-        key = np.repeat(np.arange(len(own)), np.diff(self.rest_first)) * size + self.rest
-        below = own[front] + np.searchsorted(key, front * size + row) - self.rest_first[front]
+        size, owned = self.first[-1], np.diff(self.first)
+        key = np.repeat(np.arange(len(owned)), np.diff(self.rest_first)) * size + self.rest
+        below = owned[front] + np.searchsorted(key, front * size + row) - self.rest_first[front]
         at = np.where(row < self.first[front + 1], row - self.first[front], below)
-        return front, at * own[front] + column - self.first[front]
+        return front, at * owned[front] + column - self.first[front]
 
 
 def _present(number: IntArray) -> IntArray:
@@ -107,22 +107,24 @@ def _rests(graph: Graph, groups: list[IntArray]) -> tuple[list[IntArray], IntArr
     """Return the rest of each group, as indices in the order of elimination, and its parent, -1 for none."""
     order, ends = np.concatenate(groups), np.cumsum([len(group) for group in groups])
     ordered = graph[order][:, order]
-    places, begins = ordered.indices.astype(np.int64), ordered.indptr[[0, *ends]]
-    passed: list[list[IntArray]] = [[] for _ in groups]
+    columns, begins = ordered.indices.astype(np.int64), ordered.indptr[[0, *ends]]
+    rests_of_children: list[list[IntArray]] = [[] for _ in groups]
     rests, parent = [], np.full(len(groups), -1)
     for k in range(len(groups)):
-        tied = np.unique(np.concatenate([places[begins[k] : begins[k + 1]], *passed[k]]))
+        tied = np.unique(np.concatenate([columns[begins[k] : begins[k + 1]], *rests_of_children[k]]))
         rest = tied[np.searchsorted(tied, ends[k]) :]
         if len(rest):
             parent[k] = np.searchsorted(ends, rest[0], side="right")
-            passed[parent[k]].append(rest)
+            rests_of_children[parent[k]].append(rest)
         rests.append(rest)
     return rests, parent
 
 
-def _rows(rest: IntArray, first: int, own: int, parents_rest: IntArray) -> IntArray:
+def _rows(rest: IntArray, first: int, owned: int, parents_rest: IntArray) -> IntArray:
     """Return the rows of a rest in its parent, which owns the components from `first` on."""
-    return np.asarray(np.where(rest < first + own, rest - first, own + np.searchsorted(parents_rest, rest)))
+    return np.asarray(
+        np.where(rest < first + owned, rest - first, owned + np.searchsorted(parents_rest, rest))
+    )
 
 
 def column_places(columns: IntArray, count: int | IntArray) -> IntArray:
@@ -133,25 +135,29 @@ def column_places(columns: IntArray, count: int | IntArray) -> IntArray:
     return np.asarray(begin - COLUMNS * COLUMNS * group + within)
 
 
-def _runs(place: IntArray, first: IntArray, own: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
+def _runs(
+    rows: IntArray, first: IntArray, parent_owns: IntArray, count: IntArray
+) -> tuple[IntArray, IntArray]:
     """Return the start of each rest's runs, and all runs.
 
     Args:
-        place: rows of all rests in their parents.
+        rows: of all rests in their parents.
         first: (fronts + 1,), start of each rest.
-        own: (fronts,) components that the parent of each owns.
+        parent_owns: (fronts,) components that the parent of each owns.
         count: (fronts,) components of the parent's rest.
     """
     size = np.diff(first)
-    size, begin, own, count = (np.repeat(part, size) for part in (size, first[:-1], own, count))
-    columns, owned = np.arange(len(place)) - begin, place < own
-    here = column_places(columns, size)
-    there = np.where(owned, place, column_places(place - own, count))
-    new = columns == 0
-    new[1:] |= (np.diff(here) != 1) | (np.diff(there) != 1) | (np.diff(owned) != 0)
-    start = np.flatnonzero(new)
-    end = columns[np.append(start[1:], len(place))[: len(start)] - 1] + 1
-    runs = np.stack([columns[start], end, here[start], there[start], owned[start]], axis=1)
+    size, begin, parent_owns, count = (
+        np.repeat(values, size) for values in (size, first[:-1], parent_owns, count)
+    )
+    columns, owned = np.arange(len(rows)) - begin, rows < parent_owns
+    source = column_places(columns, size)
+    target = np.where(owned, rows, column_places(rows - parent_owns, count))
+    begins_run = columns == 0
+    begins_run[1:] |= (np.diff(source) != 1) | (np.diff(target) != 1) | (np.diff(owned) != 0)
+    start = np.flatnonzero(begins_run)
+    end = columns[np.append(start[1:], len(rows))[: len(start)] - 1] + 1
+    runs = np.stack([columns[start], end, source[start], target[start], owned[start]], axis=1)
     return np.searchsorted(start, first), runs.astype(np.int64)
 
 
@@ -165,16 +171,16 @@ def _stacked(count: IntArray, parent: IntArray) -> tuple[IntArray, int]:
     """Return the stack index of each front's Schur complement, and the size of the stack."""
     at, length = np.zeros(len(count), dtype=np.int64), 0
     waiting: list[tuple[int, int, int]] = []
-    for k, own in enumerate(count):
-        wanted, begin = length_left(int(own)), 0
-        for taken, end, _ in sorted(waiting):
-            if taken - begin >= wanted:
+    for k, rest_size in enumerate(count):
+        needed, begin = length_left(int(rest_size)), 0
+        for occupied_from, end, _ in sorted(waiting):
+            if occupied_from - begin >= needed:
                 break
             begin = max(begin, end)
-        at[k], length = begin, max(length, begin + wanted)
-        waiting = [entry for entry in waiting if parent[entry[2]] != k]
-        if wanted:
-            waiting.append((begin, begin + wanted, k))
+        at[k], length = begin, max(length, begin + needed)
+        waiting = [span for span in waiting if parent[span[2]] != k]
+        if needed:
+            waiting.append((begin, begin + needed, k))
     return at, length
 
 
@@ -215,18 +221,18 @@ class FrontRoom(NamedTuple):
 
 
 @device_function
-def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) -> bool:
+def _invert(matrix: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) -> bool:
     """Turn A_pp (p, p) into L and write L^-1 to inverse; return False if A_pp is not positive definite."""
     for i in range(p):
         at = i * p
         for j in range(i):
-            other, total = j * p, own[at + j]
+            other_row, total = j * p, matrix[at + j]
             for k in range(j):
-                total -= own[at + k] * own[other + k]
-            own[at + j] = total * scale[j]
-        pivot = own[at + i]
+                total -= matrix[at + k] * matrix[other_row + k]
+            matrix[at + j] = total * scale[j]
+        pivot = matrix[at + i]
         for k in range(i):
-            pivot -= own[at + k] * own[at + k]
+            pivot -= matrix[at + k] * matrix[at + k]
         if not pivot > 0.0:
             return False
         scale[i] = 1.0 / math.sqrt(pivot)
@@ -235,9 +241,9 @@ def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) ->
         for j in range(p):
             row[j] = 0.0
         for k in range(i):
-            share, other = own[at + k] * scale[i], k * p
+            multiplier, other_row = matrix[at + k] * scale[i], k * p
             for j in range(k + _1):
-                row[j] -= share * inverse[other + j]
+                row[j] -= multiplier * inverse[other_row + j]
         row[i] = scale[i]
         for j in range(p):
             inverse[at + j] = row[j]
@@ -246,42 +252,44 @@ def _invert(own: Vector, p: Any, inverse: Vector, scale: Vector, row: Vector) ->
 
 @device_function
 def _add_children(
-    lists: FrontLists, k: Any, owned: Any, stack: Vector, to: Vector, grid: tuple[Any, Any]
+    lists: FrontLists, k: Any, owned: Any, stack: Vector, into: Vector, grid: tuple[Any, Any]
 ) -> None:
     """Add the Schur complements of the children of front k, to its columns or to its rest.
 
     grid: width of the rows there, and rows before the first of them.
     """
     fronts, children, runs, rows = lists.fronts, lists.children, lists.runs, lists.rows
-    wide, back = grid
-    for place in range(fronts[k, CHILD], fronts[k + _1, CHILD]):
-        child = children[place]
-        begin, left = fronts[child, REST], fronts[child, LEFT]
+    row_width, rows_before = grid
+    for child_index in range(fronts[k, CHILD], fronts[k + _1, CHILD]):
+        child = children[child_index]
+        begin, stack_begin = fronts[child, REST], fronts[child, LEFT]
         count = fronts[child + _1, REST] - begin
         for r in range(fronts[child, RUN], fronts[child + _1, RUN]):
             if runs[r, 4] != owned:
                 continue
-            column, end, here, there = runs[r, 0], runs[r, 1], left + runs[r, 2], runs[r, 3]
+            column, end, source_begin = runs[r, 0], runs[r, 1], stack_begin + runs[r, 2]
+            target_begin = runs[r, 3]
             for i in range(column, count):
-                source, target = here + _WIDE * i, there + wide * (rows[begin + i] - back)
+                source = source_begin + _WIDE * i
+                target = target_begin + row_width * (rows[begin + i] - rows_before)
                 for j in range(min(i + _1, end) - column):
-                    to[target + j] += stack[source + j]
+                    into[target + j] += stack[source + j]
 
 
 @allocating
-def _fill_complement(below: Vector, q: Any, p: Any, factor: Vector, left: Vector) -> None:
+def _fill_complement(below: Vector, q: Any, p: Any, factor: Vector, complement: Vector) -> None:
     """Write -W^T to the factor and -W W^T to left, both by groups of rows of W (q, p)."""
-    at, to, room = _0, _0, p * _WIDE
+    at, factor_at, room = _0, _0, p * _WIDE
     for first in range(_0, q, _WIDE):
         count = q - first
         for k in range(p):
             for j in range(_WIDE):
-                factor[to + k * _WIDE + j] = -below[(first + j) * p + k] if j < count else 0.0
+                factor[factor_at + k * _WIDE + j] = -below[(first + j) * p + k] if j < count else 0.0
         rest = below[first * p : q * p].reshape((np.int64(count), np.int64(p)))
-        group = factor[to : to + room].reshape((np.int64(p), np.int64(_WIDE)))
-        out = left[at : at + count * _WIDE].reshape((np.int64(count), np.int64(_WIDE)))
-        np.dot(rest, group, out)
-        at, to = at + count * _WIDE, to + room
+        group = factor[factor_at : factor_at + room].reshape((np.int64(p), np.int64(_WIDE)))
+        product = complement[at : at + count * _WIDE].reshape((np.int64(count), np.int64(_WIDE)))
+        np.dot(rest, group, product)
+        at, factor_at = at + count * _WIDE, factor_at + room
 
 
 @kernel(reorder_sums=True, allocates=True)
@@ -313,9 +321,9 @@ def factorise(
                 turned[j, i] = store[at + i * p + j]
         below = spare[square : p * (p + q)]
         np.dot(work[square : p * (p + q)].reshape(shape), turned, below.reshape(shape))
-        left = stack[fronts[k, LEFT] :]
-        _fill_complement(below, q, p, store[at + square :], left)
-        _add_children(lists, k, _0, stack, left, (_WIDE, p))
+        complement = stack[fronts[k, LEFT] :]
+        _fill_complement(below, q, p, store[at + square :], complement)
+        _add_children(lists, k, _0, stack, complement, (_WIDE, p))
     return True
 
 
@@ -360,37 +368,37 @@ def _add_transposed(store: Vector, at: Any, count: Any, p: Any, x: Vector, y: Ve
 
 @kernel(reorder_sums=True)
 def substitute(
-    store: Vector, fronts: PlaceTable, rest: Places, here: Vector, there: Vector, x: Vector
+    store: Vector, fronts: PlaceTable, rest: Places, own_values: Vector, rest_values: Vector, x: Vector
 ) -> None:
-    """Solve for x (size,) in place; `here` and `there` are workspace for a front's components and rest."""
+    """Solve for x (size,) in place; `own_values` and `rest_values` are workspace for a front."""
     count = np.uint64(fronts.shape[0]) - _1
     for k in range(count):
         first, start, begin = fronts[k, FIRST], fronts[k, START], fronts[k, REST]
         p, q = fronts[k + _1, FIRST] - first, fronts[k + _1, REST] - begin
         for i in range(p):
-            here[i] = x[first + i]
-        there[:p] = 0.0
-        _add_product(store, start, p, p, here, there)
+            own_values[i] = x[first + i]
+        rest_values[:p] = 0.0
+        _add_product(store, start, p, p, own_values, rest_values)
         for i in range(p):
-            here[i] = x[first + i] = there[i]
+            own_values[i] = x[first + i] = rest_values[i]
         at = start + p * p
         for group in range(_0, q, _WIDE):
-            there[:_WIDE] = 0.0
-            _add_transposed(store, at, p, _WIDE, here, there)
+            rest_values[:_WIDE] = 0.0
+            _add_transposed(store, at, p, _WIDE, own_values, rest_values)
             for i in range(min(_WIDE, q - group)):
-                x[rest[begin + group + i]] += there[i]
+                x[rest[begin + group + i]] += rest_values[i]
             at += p * _WIDE
-    for done in range(count):
-        back = count - _1 - done
-        first, start, begin = fronts[back, FIRST], fronts[back, START], fronts[back, REST]
-        p, q = fronts[back + _1, FIRST] - first, fronts[back + _1, REST] - begin
+    for step in range(count):
+        front = count - _1 - step
+        first, start, begin = fronts[front, FIRST], fronts[front, START], fronts[front, REST]
+        p, q = fronts[front + _1, FIRST] - first, fronts[front + _1, REST] - begin
         at = start + p * p
         for i in range(p):
-            here[i], x[first + i] = x[first + i], 0.0
+            own_values[i], x[first + i] = x[first + i], 0.0
         for group in range(_0, q, _WIDE):
-            there[:_WIDE] = 0.0
+            rest_values[:_WIDE] = 0.0
             for i in range(min(_WIDE, q - group)):
-                there[i] = x[rest[begin + group + i]]
-            _add_product(store, at, p, _WIDE, there, here)
+                rest_values[i] = x[rest[begin + group + i]]
+            _add_product(store, at, p, _WIDE, rest_values, own_values)
             at += p * _WIDE
-        _add_transposed(store, start, p, p, here, x[first : first + p])
+        _add_transposed(store, start, p, p, own_values, x[first : first + p])

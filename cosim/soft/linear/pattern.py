@@ -31,15 +31,15 @@ class PatternRows(NamedTuple):
 @device_function
 def find_block(rows: PatternRows, one: int, two: int) -> int:
     """Return the index of the block that couples two nodes; the number of blocks for uncoupled nodes."""
-    row, wanted = max(one, two), min(one, two)
+    row, column = max(one, two), min(one, two)
     low, high, end = rows.first[row], rows.first[row + 1], rows.first[row + 1]
     while low < high:
         middle = (low + high) // 2
-        if rows.column[middle] < wanted:
+        if rows.column[middle] < column:
             low = middle + 1
         else:
             high = middle
-    return low if low < end and rows.column[low] == wanted else rows.column.shape[0]
+    return low if low < end and rows.column[low] == column else rows.column.shape[0]
 
 
 @kernel
@@ -50,9 +50,9 @@ def _find_slots(rows: PatternRows, elements: IndexTable, slots: IndexTable) -> i
         pair = 0
         for a in range(elements.shape[1]):
             for b in range(a + 1):
-                found = find_block(rows, elements[e, a], elements[e, b])
-                missing += found == rows.column.shape[0]
-                slots[e, pair] = found if elements[e, a] >= elements[e, b] else -1 - found
+                block = find_block(rows, elements[e, a], elements[e, b])
+                missing += block == rows.column.shape[0]
+                slots[e, pair] = block if elements[e, a] >= elements[e, b] else -1 - block
                 pair += 1
     return missing
 
@@ -111,9 +111,9 @@ class BlockPattern:
     def find(self, elements: IntArray) -> tuple[IntArray, int]:
         """Return the slots as `slots` does, and the number of missing pairs, whose slots are not valid."""
         count, k = elements.shape
-        result = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
+        slots = np.empty((count, k * (k + 1) // 2), dtype=np.int64)
         elements = np.ascontiguousarray(elements, dtype=np.int64)
-        return result, _find_slots(self.rows, elements, result)
+        return slots, _find_slots(self.rows, elements, slots)
 
     @cached_property
     def rows(self) -> PatternRows:
@@ -158,8 +158,8 @@ class CoupledPattern:
     @classmethod
     def of(cls, body: BlockPattern, elements: IntArray) -> "CoupledPattern":
         """Return the pattern of a body with further elements (k, nodes per element)."""
-        own = np.column_stack([body.row, body.column])
-        return cls.around(body, BlockPattern.from_elements(body.nodes, [own, elements]))
+        body_pairs = np.column_stack([body.row, body.column])
+        return cls.around(body, BlockPattern.from_elements(body.nodes, [body_pairs, elements]))
 
     @classmethod
     def around(cls, body: BlockPattern, wide: BlockPattern) -> "CoupledPattern":

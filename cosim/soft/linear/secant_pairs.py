@@ -38,7 +38,7 @@ class SecantPairs(NamedTuple):
 
     @classmethod
     def empty(cls, nodes: int) -> "SecantPairs":
-        """Return allocated arrays for the pairs of a body with so many nodes."""
+        """Return allocated arrays for the pairs of a body, given its number of nodes."""
         return cls(
             np.empty((_MOST, 3 * nodes)), np.empty((_MOST, 3 * nodes)), np.empty(_MOST), np.empty(_MOST)
         )
@@ -70,15 +70,15 @@ def secant_load(pairs: SecantPairs, count: int, gradient: Matrix, load: Matrix) 
 @kernel(reorder_sums=True)
 def secant_step(pairs: SecantPairs, count: int, solution: Matrix) -> None:
     """Correct a solution (n, 3) [m] under such a load to the step: second loop of the recursion."""
-    room, result = pairs.scale.shape[0], solution.reshape(solution.size)
+    room, flat_solution = pairs.scale.shape[0], solution.reshape(solution.size)
     for k in range(max(count - room, 0), count):
         m, work = k % room, 0.0
         step, change = pairs.step[m], pairs.change[m]
-        for i in range(result.shape[0]):
-            work += change[i] * result[i]
+        for i in range(flat_solution.shape[0]):
+            work += change[i] * flat_solution[i]
         lacking = pairs.factor[m] - pairs.scale[m] * work
-        for i in range(result.shape[0]):
-            result[i] += lacking * step[i]
+        for i in range(flat_solution.shape[0]):
+            flat_solution[i] += lacking * step[i]
 
 
 @kernel(reorder_sums=True)
@@ -100,10 +100,12 @@ def add_pair(
     work, length, size = 0.0, 0.0, 0.0
     for i in range(taken.shape[0]):
         for r in range(3):
-            own = taken[i, r]
-            turned = gradient[i, r] - before[i, r] if free[i, r] else 0.0
-            step[3 * i + r], change[3 * i + r] = own, turned
-            work, length, size = work + own * turned, length + own * own, size + turned * turned
+            component = taken[i, r]
+            gradient_change = gradient[i, r] - before[i, r] if free[i, r] else 0.0
+            step[3 * i + r], change[3 * i + r] = component, gradient_change
+            work += component * gradient_change
+            length += component * component
+            size += gradient_change * gradient_change
     if not work > _LEAST_COSINE * np.sqrt(length * size):
         return count
     pairs.scale[m] = 1.0 / work

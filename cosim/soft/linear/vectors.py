@@ -13,13 +13,13 @@ RESULTANT_FRACTION: Final = 1e-2
 @kernel
 def longest(step: Matrix) -> float:
     """Return the largest component of a step (n, 3), NaN if one is not a number."""
-    most = 0.0
+    largest = 0.0
     for i in range(step.shape[0]):
         for r in range(3):
             if math.isnan(step[i, r]):
                 return math.nan
-            most = max(most, abs(step[i, r]))
-    return most
+            largest = max(largest, abs(step[i, r]))
+    return largest
 
 
 @kernel
@@ -52,10 +52,10 @@ def largest_residual(x: Matrix, values: Matrix, counted: Masks) -> float:
         gx = values[i, 0] if counted[i, 0] else 0.0
         gy = values[i, 1] if counted[i, 1] else 0.0
         gz = values[i, 2] if counted[i, 2] else 0.0
-        most = max(abs(gx), abs(gy), abs(gz))
+        node_size = max(abs(gx), abs(gy), abs(gz))
         if gx != gx or gy != gy or gz != gz:
             return math.nan
-        largest = max(largest, most)
+        largest = max(largest, node_size)
         rx, ry, rz = x[i, 0] - x[0, 0], x[i, 1] - x[0, 1], x[i, 2] - x[0, 2]
         size = max(size, rx * rx + ry * ry + rz * rz)
         fx, fy, fz = fx + gx, fy + gy, fz + gz

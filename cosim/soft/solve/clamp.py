@@ -89,15 +89,15 @@ def place_flight(held: HeldNodes, flange: Matrix, x: Matrix) -> bool:
     Returns:
         Whether all nodes were moved, by the mean jump of the wholly held ones.
     """
-    jump, count, most = zero_vector(3), 0, 0.0
+    jump, count, largest_jump = zero_vector(3), 0, 0.0
     for k in range(held.nodes.shape[0]):
         if held.components[k, 0] and held.components[k, 1] and held.components[k, 2]:
             count += 1
             for r in range(3):
                 jump[r] += _held_position(held, flange, k, r) - x[held.nodes[k], r]
     for r in range(3):
-        most = max(most, abs(jump[r]))
-    jumps = most > _JUMP_m * count
+        largest_jump = max(largest_jump, abs(jump[r]))
+    jumps = largest_jump > _JUMP_m * count
     if jumps:
         for i in range(x.shape[0]):
             for r in range(3):
@@ -130,11 +130,11 @@ def add_wrench(held: HeldNodes, gradient: Matrix, x: Matrix, flange: Matrix, wre
 
 
 @device_function
-def _fill_axes(place: Matrix, a: int, b: int, c: int, axes: Matrix) -> None:
+def _fill_axes(points: Matrix, a: int, b: int, c: int, axes: Matrix) -> None:
     """Fill axes (3, 3) with the unit vectors, as rows, of a frame on three points not on one line."""
     length = along = 0.0
     for r in range(3):
-        axes[0, r], axes[1, r] = place[b, r] - place[a, r], place[c, r] - place[a, r]
+        axes[0, r], axes[1, r] = points[b, r] - points[a, r], points[c, r] - points[a, r]
         length += axes[0, r] * axes[0, r]
         along += axes[0, r] * axes[1, r]
     across = 0.0
@@ -253,7 +253,7 @@ class Clamp:
         if self is other:
             return True
         pairs = (self.nodes, other.nodes), (self.offsets, other.offsets), (self.components, other.components)
-        return all(np.array_equal(one, two) for one, two in pairs)
+        return all(np.array_equal(own_array, other_array) for own_array, other_array in pairs)
 
     def extended(self, nodes: IntArray, positions: Array, world_from_flange: Pose) -> Clamp:
         """Return a clamp that also holds `nodes` (m,) as a whole; see `holding`."""
@@ -265,14 +265,14 @@ class Clamp:
         """Return a clamp that also holds further components where they are now.
 
         Args:
-            held: (n, 3) bool, components to hold besides those held already.
+            held: (n, 3) bool, components to hold in addition to those already held.
             positions: (n, 3) [m], world, of all nodes.
             world_from_flange: present pose of the flange.
         """
         mask = self.mask(len(positions)) | held
         offsets = world_from_flange.inverse().apply(positions)
-        whole = self.components.all(axis=1)
-        offsets[self.nodes[whole]] = self.offsets[whole]
+        is_whole = self.components.all(axis=1)
+        offsets[self.nodes[is_whole]] = self.offsets[is_whole]
         nodes = np.flatnonzero(mask.any(axis=1))
         return Clamp(nodes, offsets[nodes], mask[nodes])
 
@@ -304,13 +304,13 @@ class Clamp:
         whole = np.flatnonzero(self.components.all(axis=1))
         if len(whole) < 3:
             return np.zeros(0, np.int64)
-        place = self.offsets[whole]
-        far = int(np.argmax(np.linalg.norm(place - place[0], axis=1)))
-        across = np.linalg.norm(np.cross(place[far] - place[0], place - place[0]), axis=1)
-        aside, length = int(np.argmax(across)), float(np.linalg.norm(place[far] - place[0]))
+        offsets = self.offsets[whole]
+        farthest = int(np.argmax(np.linalg.norm(offsets - offsets[0], axis=1)))
+        across = np.linalg.norm(np.cross(offsets[farthest] - offsets[0], offsets - offsets[0]), axis=1)
+        aside, length = int(np.argmax(across)), float(np.linalg.norm(offsets[farthest] - offsets[0]))
         if not across[aside] > _LEAST_WIDE * length**2:
             return np.zeros(0, np.int64)
-        return np.asarray(whole[[0, far, aside]], dtype=np.int64)
+        return np.asarray(whole[[0, farthest, aside]], dtype=np.int64)
 
     @cached_property
     def _whole(self) -> bool:

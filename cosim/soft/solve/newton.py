@@ -146,27 +146,27 @@ def newton(
         watch: called with the progress after each new tangent.
         began: evaluation at x, if x was evaluated last.
     """
-    done = NewtonProgress(*(began or problem.evaluate(x)))
-    if not (math.isfinite(done.energy) and math.isfinite(done.residual)):
-        return done.ended(Outcome.NOT_FINITE)
-    search = _NewtonSearch(problem, x, factor, options, done)
-    if done.residual < options.start_tolerance_N:
-        return done
+    progress = NewtonProgress(*(began or problem.evaluate(x)))
+    if not (math.isfinite(progress.energy) and math.isfinite(progress.residual)):
+        return progress.ended(Outcome.NOT_FINITE)
+    search = _NewtonSearch(problem, x, factor, options, progress)
+    if progress.residual < options.start_tolerance_N:
+        return progress
     while not search.reuse_factor():
         search.restore()
-        if done.tangents >= options.iterations_max:
-            return done.ended(Outcome.ITERATION_LIMIT)
+        if progress.tangents >= options.iterations_max:
+            return progress.ended(Outcome.ITERATION_LIMIT)
         if not search.make_factor():  # shifted until positive definite
-            return done.ended(Outcome.INDEFINITE)
-        tried = search.line_search()
-        if tried is None:
+            return progress.ended(Outcome.INDEFINITE)
+        trial = search.line_search()
+        if trial is None:
             search.restore()
-            return done.ended(Outcome.NO_DESCENT)
-        done.tangents, done.run = done.tangents + 1, 0
-        if search.accept(tried):
-            return done
-        watch(done)
-    return done
+            return progress.ended(Outcome.NO_DESCENT)
+        progress.tangents, progress.run = progress.tangents + 1, 0
+        if search.accept(trial):
+            return progress
+        watch(progress)
+    return progress
 
 
 @final
@@ -180,14 +180,14 @@ class _NewtonSearch:
         x: (n, 3) [m], the trial point.
         factor: of a tangent.
         options: bounds.
-        done: progress, updated here.
+        progress: of the solution, updated by the search.
     """
 
     def __init__(
-        self, problem: Problem, x: Array, factor: Factor, options: NewtonOptions, done: NewtonProgress
+        self, problem: Problem, x: Array, factor: Factor, options: NewtonOptions, progress: NewtonProgress
     ) -> None:
         self._problem, self._film, self._factor = problem, problem.film, factor
-        self._x, self._options, self._done = x, options, done
+        self._x, self._options, self._progress = x, options, progress
         self._accepted_x, self._accepted_gradient, self._step = (
             x.copy(),
             self._film.gradient.copy(),
@@ -196,14 +196,14 @@ class _NewtonSearch:
         np.copyto(self._film.before, self._film.memory)
         factor.begin()
 
-    def accept(self, tried: Evaluation) -> bool:
+    def accept(self, trial: Evaluation) -> bool:
         """Accept the trial point; return whether the solution has converged."""
-        film, done = self._film, self._done
-        done.energy, done.residual = tried
+        film, progress = self._film, self._progress
+        progress.energy, progress.residual = trial
         np.copyto(self._accepted_x, self._x)
         np.copyto(self._accepted_gradient, film.gradient)
         np.copyto(film.before, film.memory)
-        return done.residual < self._options.tolerance_N
+        return progress.residual < self._options.tolerance_N
 
     def restore(self) -> None:
         """Return to the last accepted point."""
@@ -212,60 +212,60 @@ class _NewtonSearch:
 
     def reuse_factor(self) -> bool:
         """Iterate with the last factorisation while the residual falls; return whether it has converged."""
-        repeated, factor, done = False, self._factor, self._done
+        repeated, factor, progress = False, self._factor, self._progress
         while self._may_reuse():
             unchecked(advance)(self._accepted_x, 1.0, self._step, self._x)
-            tried = self._problem.evaluate(self._x)
-            learnt = self._learn_secant(tried)
-            if self._is_better(tried):
-                repeated, done.reused, done.run = False, done.reused + 1, done.run + 1
-                if self.accept(tried):
-                    factor.count_extra(done.run)
+            trial = self._problem.evaluate(self._x)
+            learnt = self._learn_secant(trial)
+            if self._is_better(trial):
+                repeated, progress.reused, progress.run = False, progress.reused + 1, progress.run + 1
+                if self.accept(trial):
+                    factor.count_extra(progress.run)
                     return True
             elif repeated or not learnt:
                 break
             else:
                 repeated = True  # once more from the same point, with the secant of the failed step
-        factor.count_extra(done.run)
+        factor.count_extra(progress.run)
         return False
 
     def _may_reuse(self) -> bool:
         """Return whether one more iteration with the factorisation is allowed; fill its step."""
-        options, problem, done = self._options, self._problem, self._done
-        if not self._factor.is_usable_for(problem.kind) or done.reused >= options.reuse_max:
+        options, problem, progress = self._options, self._problem, self._progress
+        if not self._factor.is_usable_for(problem.kind) or progress.reused >= options.reuse_max:
             return False
-        if not done.residual < options.reuse_below_N:
+        if not progress.residual < options.reuse_below_N:
             return False
-        first = problem.acting.moving and not done.reused  # the rounding of further ones may add up
+        first = problem.acting.moving and not progress.reused  # the rounding of further ones may add up
         return (
             self._factor.step(self._accepted_gradient, problem.frame, self._step, roughly=first)
             <= options.step_max_m
         )
 
-    def _learn_secant(self, tried: Evaluation) -> bool:
+    def _learn_secant(self, trial: Evaluation) -> bool:
         """Add the secant of a step to the factorisation; return whether it was usable."""
-        near = tried.finite and tried.residual <= FAR * self._done.residual
+        is_near = trial.finite and trial.residual <= FAR * self._progress.residual
         film = self._film
         return (
-            near
+            is_near
             and film.conservative
             and self._factor.add_secant(self._step, self._accepted_gradient, film.gradient)
         )
 
-    def _is_better(self, tried: Evaluation) -> bool:
+    def _is_better(self, trial: Evaluation) -> bool:
         """Return whether the residual has fallen enough, or is below its bound."""
         options = self._options
-        falls = tried.residual <= options.reuse_rate * self._done.residual
-        return tried.finite and (falls or tried.residual < options.tolerance_N)
+        falls = trial.residual <= options.reuse_rate * self._progress.residual
+        return trial.finite and (falls or trial.residual < options.tolerance_N)
 
     def make_factor(self) -> bool:
         """Factorise the tangent at the last accepted point; return whether that is possible."""
-        problem, options, done = self._problem, self._options, self._done
+        problem, options, progress = self._problem, self._options, self._progress
         tangent = problem.tangent(self._x, self._factor.pattern)
         shifts = options.shift_start_N_m, options.shift_max_N_m
         attempts = self._factor.make(tangent, problem.kind, problem.frame, shifts)
-        done.failed += abs(attempts) - (attempts > 0)
-        done.shifted += abs(attempts) > 1
+        progress.failed += abs(attempts) - (attempts > 0)
+        progress.shifted += abs(attempts) > 1
         return attempts > 0
 
     def line_search(self) -> Evaluation | None:
@@ -276,25 +276,25 @@ class _NewtonSearch:
         fraction = options.step_max_m / longest if longest > options.step_max_m else 1.0
         for _ in range(options.halvings_max):
             advance(self._accepted_x, fraction, step, self._x)
-            tried = problem.evaluate(self._x)
-            much_less = tried.residual < _MUCH_LESS * self._done.residual
-            if self._descends(tried, fraction, slope) or (math.isfinite(tried.energy) and much_less):
-                return tried
+            trial = problem.evaluate(self._x)
+            much_less = trial.residual < _MUCH_LESS * self._progress.residual
+            if self._descends(trial, fraction, slope) or (math.isfinite(trial.energy) and much_less):
+                return trial
             fraction *= 0.5
         return None
 
-    def _descends(self, tried: Evaluation, fraction: float, slope: float) -> bool:
+    def _descends(self, trial: Evaluation, fraction: float, slope: float) -> bool:
         """Return whether a fraction of a step with slope [J] lowers the potential sufficiently.
 
         Without a potential, the work of the residual along the step must fall; a short step reduces it
         little. Source: Crisfield, Int. J. Numer. Meth. Eng. 19 (1983) 1269.
         """
         if self._film.conservative:
-            before = self._done.energy
+            before = self._progress.energy
             rounding = _ROUNDING * (1.0 + abs(before))
-            return tried.energy <= before + _ARMIJO * fraction * slope + rounding
-        left = abs(work_along(self._film.gradient, self._step))
-        return left <= (1.0 - 0.1 * fraction) * abs(slope) and math.isfinite(tried.energy)
+            return trial.energy <= before + _ARMIJO * fraction * slope + rounding
+        remaining_work = abs(work_along(self._film.gradient, self._step))
+        return remaining_work <= (1.0 - 0.1 * fraction) * abs(slope) and math.isfinite(trial.energy)
 
 
 @final
@@ -392,13 +392,14 @@ class NewtonSolver:
         """
         counted, moving = 0, problem.acting.inertia is not None
 
-        def watch(done: NewtonProgress) -> None:
+        def watch(progress: NewtonProgress) -> None:
             nonlocal counted
-            self.watch(done.iterations)
+            self.watch(progress.iterations)
             if self.tick_work is not None and moving:
                 weight = max(1.0, self.linear.multiplications / self.factor.narrow.multiplications)
-                spent, counted = done.tangents + done.failed - counted, done.tangents + done.failed
-                self.tick_work.spend(weight * spent, done.residual)
+                new_attempts = progress.tangents + progress.failed - counted
+                counted = progress.tangents + progress.failed
+                self.tick_work.spend(weight * new_attempts, progress.residual)
 
         return newton(problem, x, self.factor, options, watch, began)
 
@@ -427,20 +428,20 @@ class NewtonSolver:
         film, x = self.film, np.array(start, order="C")
         moving = inertia is not None and inertia.step_s < math.inf and not inertia.closely
         problem = self.problem(x, memory if moving else film.fresh(memory), loads, inertia, frame)
-        done = self.run(problem, x, options)
-        if done.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
+        progress = self.run(problem, x, options)
+        if progress.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             problem.evaluate(x)
-        result = done.result(x, film.memory.copy())
+        result = progress.result(x, film.memory.copy())
         if (
             inertia is None
             and film.conservative
             and result.converged
-            and self._stays_definite(problem, done, start, x)
+            and self._stays_definite(problem, progress, start, x)
         ):
             return replace(result, negative_pivots=0)
         return result
 
-    def _stays_definite(self, problem: Problem, done: NewtonProgress, start: Array, end: Array) -> bool:
+    def _stays_definite(self, problem: Problem, progress: NewtonProgress, start: Array, end: Array) -> bool:
         """Return whether the tangent at the end of a static solution is known to be positive definite.
 
         The last factorised tangent was. Its pivots are extrapolated to the end with the rate since the
@@ -448,23 +449,25 @@ class NewtonSolver:
 
         Args:
             problem: converged.
-            done: its progress.
+            progress: of its solution.
             start: (n, 3) [m], initial guess.
             end: (n, 3) [m], solution.
         """
         if self.factor.key is None:
             return False
-        envelope, last = self.linear, _centred(end, problem.frame)
+        envelope, end_shape = self.linear, _centred(end, problem.frame)
         if not isinstance(envelope, EnvelopeCholesky) or envelope.correction is not None:
-            return done.tangents > 0 and not done.reused
-        if not done.tangents:
-            return self._definite is not None and self._definite.reaches(last)
+            return progress.tangents > 0 and not progress.reused
+        if not progress.tangents:
+            return self._definite is not None and self._definite.reaches(end_shape)
         # the only tangent is that at the start, unless a reused factorisation came first
-        at_start = done.tangents == 1 and done.reused == done.run
-        begin = _centred(start, problem.frame)
-        made_by = last if not at_start else begin
-        self._definite = made = DefiniteTangent.after(self._definite, envelope.pivots, begin, made_by)
-        return made.reaches(last, begin)
+        at_start = progress.tangents == 1 and progress.reused == progress.run
+        start_shape = _centred(start, problem.frame)
+        shape_of_tangent = end_shape if not at_start else start_shape
+        self._definite = definite_tangent = DefiniteTangent.after(
+            self._definite, envelope.pivots, start_shape, shape_of_tangent
+        )
+        return definite_tangent.reaches(end_shape, start_shape)
 
     def negative_pivots(self, positions: Array, memory: Array, loads: Loads) -> int:
         """Return the number of negative eigenvalues of the static tangent of the free components.
@@ -510,8 +513,10 @@ class NewtonSolver:
         kind = 0.0 if inertia is None else inertia.kind
         factor.set_key(FactorKey(kind, frame) if definite else None)
         if inertia is None and definite and isinstance(solver, EnvelopeCholesky):
-            place = _centred(positions, frame)
-            self._definite = DefiniteTangent.after(self._definite, solver.pivots, place, place)
+            centred_shape = _centred(positions, frame)
+            self._definite = DefiniteTangent.after(
+                self._definite, solver.pivots, centred_shape, centred_shape
+            )
         return definite
 
     def set_factor_key(self, key: FactorKey | None) -> None:

@@ -87,15 +87,15 @@ class ContactRows(NamedTuple):
     def of(cls, outside: FilmLists, inside: FilmLists, face: FlangeFace, stiffness: Array) -> "ContactRows":
         """Return the rows of a film, with the stiffness (p,) of all points."""
         rows, b = (outside.rows, inside.rows), len(face.nodes)
-        units = [len(each.units.start) - 1 for each in (outside, inside)]
-        counts = np.repeat([*units, 1], [*(len(each.nodes) for each in rows), b])
+        units = [len(lists.units.start) - 1 for lists in (outside, inside)]
+        counts = np.repeat([*units, 1], [*(len(lists.nodes) for lists in rows), b])
         return cls(
-            np.concatenate([*(each.nodes for each in rows), face.nodes]),
-            np.concatenate([*(each.weights for each in rows), face.weights]), stiffness,
-            np.concatenate([*(each.spare for each in rows), face.spare]),
+            np.concatenate([*(lists.nodes for lists in rows), face.nodes]),
+            np.concatenate([*(lists.weights for lists in rows), face.weights]), stiffness,
+            np.concatenate([*(lists.spare for lists in rows), face.spare]),
             np.cumsum(counts) - counts,
-            np.concatenate([*(each.triangles for each in rows), face.corners]),
-            np.concatenate([*(each.films[:, 1] for each in rows), np.zeros(b, np.int64)]),
+            np.concatenate([*(lists.triangles for lists in rows), face.corners]),
+            np.concatenate([*(lists.films[:, 1] for lists in rows), np.zeros(b, np.int64)]),
         )  # fmt: skip
 
 
@@ -256,15 +256,15 @@ class SelfContact:
             held: pairs of the last round, which keep their triangle while their foot is on it.
             slack: barycentric weight by which a foot may be beyond the triangle's edges.
         """
-        found = self._find(positions, _STATIC_REACH_M, None)
+        near_pairs = self._find(positions, _STATIC_REACH_M, None)
         if held is None:
-            return found
+            return near_pairs
         valid = held.holding(positions, slack, _STATIC_REACH_M)
         key, triangle = held.key[valid], held.triangle[valid]
-        if found is not None:
+        if near_pairs is not None:
             # of two triangles of one unit the first counts, which is that of the last round
-            key, first = np.unique(np.concatenate([key, found.key]), return_index=True)
-            triangle = np.concatenate([triangle, found.triangle])[first]
+            key, first = np.unique(np.concatenate([key, near_pairs.key]), return_index=True)
+            triangle = np.concatenate([triangle, near_pairs.triangle])[first]
         if not len(key):
             return None
         return self._pairs(key, triangle, positions)
@@ -303,15 +303,15 @@ class SelfContact:
 
     def _hits(self, x: Array, reach_m: float) -> IntArray:
         """Return rows (k, 2) of points and the triangles near them."""
-        found, room_m = [], max(reach_m, BEHIND_M)
+        hit_rows, room_m = [], max(reach_m, BEHIND_M)
         for lists, shift in ((self.outside, 0), (self.inside, self._first[0])):
             if lists.can_meet:
                 hits = lists.over(x, reach_m, BEHIND_M, room_m, moves=True)
                 if len(hits):
-                    found.append(hits + shift)
+                    hit_rows.append(hits + shift)
         count = unchecked(fill_before_face)(x, self._face, reach_m, BEHIND_M, self._before_face)
         if count:
-            found.append(self._before_face[:count, None] + self._first[1])
-        if len(found) == 1:
-            return found[0]
-        return np.concatenate(found) if found else np.zeros((0, 2), np.int64)
+            hit_rows.append(self._before_face[:count, None] + self._first[1])
+        if len(hit_rows) == 1:
+            return hit_rows[0]
+        return np.concatenate(hit_rows) if hit_rows else np.zeros((0, 2), np.int64)

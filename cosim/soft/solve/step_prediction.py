@@ -86,12 +86,14 @@ def fill_flight(
             velocity in the middle of the step, 1 with implicit Euler.
         flight: filled.
     """
-    most = 0.0
+    largest_change = 0.0
     for i in range(x.shape[0]):
         for r in range(3):
             flight[i, r] = x[i, r] + h * velocity[i, r]
-            most = max(most, abs(fraction * h * (velocity[i, r] - earlier_velocity[i, r])))
-    if _LEAST_EVEN_m < most < _MOST_EVEN_m:
+            largest_change = max(
+                largest_change, abs(fraction * h * (velocity[i, r] - earlier_velocity[i, r]))
+            )
+    if _LEAST_EVEN_m < largest_change < _MOST_EVEN_m:
         for i in range(x.shape[0]):
             for r in range(3):
                 flight[i, r] += fraction * h * (velocity[i, r] - earlier_velocity[i, r])
@@ -103,7 +105,7 @@ def keep_folds_open(
 ) -> bool:
     """Move the nodes of folds that close in free flight by their mean; return whether there are any.
 
-    Newton's method would only double a closed fold's angle per iteration, as the moment goes with 1 / angle.
+    As the moment is proportional to 1 / angle, Newton's method would only double the angle per iteration.
 
     Args:
         x: (n, 3) [m], before the step.
@@ -116,8 +118,8 @@ def keep_folds_open(
     closes = False
     for h in range(hinges.shape[0]):
         # distance in angle from the closed fold, on either side
-        gap, left = min(before[h], TURN - before[h]), min(angles[h], TURN - angles[h])
-        if gap > theta1 or left > _LEAST_OPEN * max(gap, _CLOSED * theta1) or left > _STAYS * gap:
+        gap, flight_gap = min(before[h], TURN - before[h]), min(angles[h], TURN - angles[h])
+        if gap > theta1 or flight_gap > _LEAST_OPEN * max(gap, _CLOSED * theta1) or flight_gap > _STAYS * gap:
             continue
         closes = True
         for r in range(3):

@@ -67,8 +67,9 @@ class Stepper:
         self._scheme: StepScheme | None = None
         self._inertia: Inertia | None = None
         self._rubs = any(cable.friction_coefficient for cable in film.body.cables)
-        folds, place = film.body.hinges, film.body.memory_slices[film.body.elements.index(film.body.hinges)]
-        self._angles = slice(place.start, place.start + len(folds.coupled))
+        folds = film.body.hinges
+        hinge_slice = film.body.memory_slices[film.body.elements.index(film.body.hinges)]
+        self._angles = slice(hinge_slice.start, hinge_slice.start + len(folds.coupled))
         self._folds = folds.arrays.nodes[: len(folds.coupled)]
 
     def step(
@@ -101,13 +102,13 @@ class Stepper:
             return self._step(state, world_from_flange, loads, step_s, before, accuracy)
         is_deferred, films.work_J = films.is_deferred(state), 0.0
         acting = loads if is_deferred else loads.with_films(films.step_pairs(state, step_s))
-        end, result = self._step(state, world_from_flange, acting, step_s, before, accuracy)
+        end, solution = self._step(state, world_from_flange, acting, step_s, before, accuracy)
         if is_deferred and films.presses(end, step_s):
             pairs = films.step_pairs(state, step_s)
             if pairs is not None:
                 acting = loads.with_films(pairs)
-                end, result = self._step(state, world_from_flange, acting, step_s, before, accuracy)
-        return end, result
+                end, solution = self._step(state, world_from_flange, acting, step_s, before, accuracy)
+        return end, solution
 
     def _step(
         self,
@@ -120,10 +121,10 @@ class Stepper:
     ) -> tuple[SoftState, NewtonResult]:
         """Return the state after a step with given pairs of films, see `step`.
 
-        The initial guess is free flight; if that fails, as it takes films too far, the state at the start.
+        The initial guess is free flight; if that fails, because films move too far, the state at the start.
         """
         scheme, flange = self.scheme_of(state, step_s), flange_axes(world_from_flange)
-        begun = None if accuracy is None else accuracy.start
+        first_guess = None if accuracy is None else accuracy.start
         if accuracy is not None and accuracy.tolerance_N >= self.options.tolerance_N:
             accuracy = None
         inertia = self._predict(state, flange, scheme, step_s, accuracy)
@@ -132,25 +133,25 @@ class Stepper:
         if before is not None and _turn(before, world_from_flange) > LARGE_TURN_RAD:
             motion = world_from_flange @ before.inverse()
             starts = self._ranked(starts, state, motion, flange, loads, inertia)
-        if begun is not None:
-            starts = [begun, *starts]
-        spent = 0
+        if first_guess is not None:
+            starts = [first_guess, *starts]
+        iterations = 0
         for start in starts:
             x = start.copy()
             unchecked(place_held)(self.clamp.held, flange, x)
             problem = self._problem(state, x, flange, loads, inertia)
             began = self._open_folds(problem, state, flange, x) if start is flight else None
-            result = self._solve(problem, state, x, accuracy, jumps, began)
-            spent += result.iterations
-            if result.converged or self._acceptable(result, accuracy):
-                return self._end(state, result, scheme, loads), replace(result, iterations=spent)
+            solution = self._solve(problem, state, x, accuracy, jumps, began)
+            iterations += solution.iterations
+            if solution.converged or self._acceptable(solution, accuracy):
+                return self._end(state, solution, scheme, loads), replace(solution, iterations=iterations)
         body, gradient = self.solver.film.body, self.solver.film.gradient
-        where = describe_largest(body, result.positions, gradient, self.solver.free)
+        largest_at = describe_largest(body, solution.positions, gradient, self.solver.free)
         raise ConvergenceError(
-            f"the soft step did not converge: {result.outcome.value}; residual {result.residual_N:.3g} N "
-            f"after {spent} iterations, the largest at {where}",
-            result.residual_N,
-            spent,
+            f"the soft step did not converge: {solution.outcome.value}; residual {solution.residual_N:.3g} N "
+            f"after {iterations} iterations, the largest at {largest_at}",
+            solution.residual_N,
+            iterations,
         )
 
     def _predict(
@@ -236,78 +237,81 @@ class Stepper:
             bounds = (self._whole,)
         else:
             bounds = self._first, self._whole
-        spent = failed = 0
+        iterations = factorisations = 0
         for bound in bounds:
-            done = self.solver.run(problem, x, bound, began)
-            spent, failed = spent + done.iterations, failed + done.tangents + done.failed
-            result = replace(self._result(problem, x, done), iterations=spent, factorisations=failed)
-            if self._ends(result, accuracy, bound is bounds[-1]):
+            progress = self.solver.run(problem, x, bound, began)
+            iterations += progress.iterations
+            factorisations += progress.tangents + progress.failed
+            solution = replace(
+                self._result(problem, x, progress), iterations=iterations, factorisations=factorisations
+            )
+            if self._ends(solution, accuracy, bound is bounds[-1]):
                 break
             memory = (
-                film.unslid(result.memory, state.memory) if accuracy is None else film.fresh(state.memory)
+                film.unslid(solution.memory, state.memory) if accuracy is None else film.fresh(state.memory)
             )
             np.copyto(film.before, memory)
             began = None
-        return self._with_losses(problem, state, x, result, accuracy)
+        return self._with_losses(problem, state, x, solution, accuracy)
 
-    def _ends(self, result: NewtonResult, accuracy: StepAccuracy | None, last: bool) -> bool:
+    def _ends(self, solution: NewtonResult, accuracy: StepAccuracy | None, last: bool) -> bool:
         """Return whether the solution is final."""
         if accuracy is not None:
-            return not result.converged or result.residual_N < accuracy.tolerance_N
-        return last or result.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(result)
+            return not solution.converged or solution.residual_N < accuracy.tolerance_N
+        return last or solution.outcome is not Outcome.ITERATION_LIMIT or self._acceptable(solution)
 
-    def _result(self, problem: Problem, x: Array, done: NewtonProgress) -> NewtonResult:
-        if done.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
+    def _result(self, problem: Problem, x: Array, progress: NewtonProgress) -> NewtonResult:
+        if progress.outcome in (Outcome.ITERATION_LIMIT, Outcome.NO_DESCENT):
             problem.evaluate(x)
-        return done.result(x, problem.film.memory.copy())
+        return progress.result(x, problem.film.memory.copy())
 
     def _with_losses(
         self,
         problem: Problem,
         state: SoftState,
         x: Array,
-        result: NewtonResult,
+        solution: NewtonResult,
         accuracy: StepAccuracy | None,
     ) -> NewtonResult:
         """Repeat while the shape changes the losses of cables of commanded length, which are stiff."""
         film, acting = self.solver.film, problem.acting
         if not losses_follow(film.body.cables, acting.loads.cable_length_m):
-            return result
-        bound = self.options.tolerance_N if accuracy is None else accuracy.tolerance_N
-        options = replace(self.options.newton, tolerance_N=bound, start_tolerance_N=bound)
+            return solution
+        tolerance_N = self.options.tolerance_N if accuracy is None else accuracy.tolerance_N
+        options = replace(self.options.newton, tolerance_N=tolerance_N, start_tolerance_N=tolerance_N)
         for _ in range(_LOSS_ROUNDS_MAX):
-            if not (result.converged or self._acceptable(result, accuracy)):
+            if not (solution.converged or self._acceptable(solution, accuracy)):
                 break
-            memory, x = film.unslid(result.memory, state.memory), x.copy()
-            again = self.solver.problem(x, memory, acting.loads, acting.inertia, problem.frame)
-            done = self.solver.run(again, x, options)
-            if done.outcome is not Outcome.CONVERGED:
+            memory, x = film.unslid(solution.memory, state.memory), x.copy()
+            repeated_problem = self.solver.problem(x, memory, acting.loads, acting.inertia, problem.frame)
+            progress = self.solver.run(repeated_problem, x, options)
+            if progress.outcome is not Outcome.CONVERGED:
                 break
-            spent, made = result.iterations + done.iterations, result.factorisations
-            result = replace(
-                self._result(again, x, done),
-                iterations=spent,
-                factorisations=made + done.tangents + done.failed,
+            iterations, factorisations = solution.iterations + progress.iterations, solution.factorisations
+            solution = replace(
+                self._result(repeated_problem, x, progress),
+                iterations=iterations,
+                factorisations=factorisations + progress.tangents + progress.failed,
             )
-            if done.iterations == 0:
+            if progress.iterations == 0:
                 break
-        return result
+        return solution
 
-    def _acceptable(self, result: NewtonResult, accuracy: StepAccuracy | None = None) -> bool:
+    def _acceptable(self, solution: NewtonResult, accuracy: StepAccuracy | None = None) -> bool:
         """Return whether a step may end above its tolerance: all iterations spent, residual in bounds."""
         if accuracy is not None:
             # below an ordinary step's tolerance rounding may leave no descent
-            return result.residual_N <= self.options.tolerance_N
-        return result.outcome is Outcome.ITERATION_LIMIT and result.residual_N <= self._bound_N
+            return solution.residual_N <= self.options.tolerance_N
+        return solution.outcome is Outcome.ITERATION_LIMIT and solution.residual_N <= self._bound_N
 
-    def _end(self, state: SoftState, result: NewtonResult, scheme: StepScheme, loads: Loads) -> SoftState:
+    def _end(self, state: SoftState, solution: NewtonResult, scheme: StepScheme, loads: Loads) -> SoftState:
         """Return the state at the end of a step."""
-        x, pairs = result.positions, loads.self_contact
+        x, pairs = solution.positions, loads.self_contact
         velocities = (x - self._base) / scheme.coefficients.span
         touching = None
         if pairs is not None and self.self_contact is not None:
             touching, self.self_contact.work_J = pairs.end(state.positions, x)
-        memory = self.solver.film.advanced(x, result.memory)
+        memory = self.solver.film.advanced(x, solution.memory)
         return SoftState(x, velocities, memory, (state.positions, state.velocities), touching)
 
     def _ranked(
