@@ -62,9 +62,8 @@ class TickWork:
         return TickWorkError(
             f"the soft step reached the bound of a tick, {bound_text}, with {residual_N:.3g} N out of "
             "balance: the motion or the loads change too fast for it. Spread the command over more time (a "
-            "ramp, not a "
-            "jump), take a shorter tick (clock.tick_s; the timestep of an attached model), or raise "
-            "solver.damping_per_s",
+            "ramp, not a jump), take a shorter tick (clock.tick_s; the timestep of an attached model), or "
+            "raise solver.damping_per_s",
             residual_N,
             round(self.iterations),
         )
