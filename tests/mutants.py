@@ -1,7 +1,7 @@
 """Breaks one expression after another and shows what finds it: python -m tests.mutants [--count N] [--seed S].
 
 Each mutant is one changed sign, operator, comparison, condition or number in a copy of cosim; rooms take
-turns, the place within a room is drawn. The golden runs go first, then the tests of the room, then all
+turns, the place within a room is drawn. The tests of the room go first, then the golden runs, then all
 others, each until the first failure. A line is printed for each mutant. Some change nothing that a user
 could see: a bound of a search that is never met, the speed, the width of a picture.
 """
@@ -143,7 +143,7 @@ def finder(mutant: Mutant, folder: Path) -> str:
     (folder / "cosim" / mutant.file).write_text(mutant.source, encoding="utf-8")
     room = f"tests/{mutant.file.parts[0]}"
     others = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
-    stages = [["tests/golden"], [room] if (ROOT / room).exists() else [], sorted({*others} - {room})]
+    stages = [[room] if room in others else [], ["tests/golden"], sorted({*others} - {room, "tests/golden"})]
     for stage in filter(None, stages):
         failed = _first_failure(stage, folder)
         if failed:
@@ -158,7 +158,13 @@ def _first_failure(paths: list[str], folder: Path) -> str:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
     try:
         done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=LONGEST_S, check=False
+            command,
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST_S,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return f"no end within {LONGEST_S} s"

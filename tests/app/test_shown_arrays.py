@@ -47,7 +47,7 @@ def section(folder: Path) -> Simulation:
 
 
 def touching(_: Path) -> Simulation:
-    return Simulation("gripper_lifts_roll", overrides={"phase.inflate.duration_s": 0.02})
+    return Simulation("gripper_lifts_roll", overrides={"model.published": True, "phase.inflate.duration_s": 0.02})
 
 
 def ahead(here: Simulation, path: Path) -> Any:
@@ -154,7 +154,7 @@ def test_observers_and_controllers_cannot_change_a_run(tmp_path: Path) -> None:
     scenario = device_parts.scenario(tmp_path, *parts)
     quiet = cosim.run(scenario, controllers={"mine": QuietController()})
     loud = cosim.run(scenario, controllers={"mine": ScribblingController()}, observers=[Scribbler()])
-    arm = {"phase.hang.duration_s": 0.05, "phase.hang.settle_s": 0.0, "fidelity": "rigid"}
+    arm: Any = {"phase": [{"name": "hang", "duration_s": 0.05}], "fidelity": "rigid"}
     alone, seen = (cosim.run("ur5e_hexagon_arm", overrides=arm, observers=by) for by in ((), [Scribbler()]))
     for expected, found in ((quiet, loud), (alone, seen)):
         for name in ("tip_position", "joint_position", "joint_target", "cable_tension_N", "node_position"):

@@ -99,6 +99,7 @@ def test_the_ticks_of_a_linear_model_are_those_of_the_run(tmp_path: Path, integr
         assert relative_error(answer(model, name), run) < 1e-6, name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", ["bdf2", "implicit_euler, lossy"])
 def test_the_ticks_of_a_film_with_all_its_motions_are_those_of_the_run(
     tmp_path: Path, integrator: str

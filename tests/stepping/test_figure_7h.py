@@ -14,7 +14,7 @@ from cosim.config.loading import load_scenario
 TARGET_deg = 20
 
 
-@pytest.mark.parametrize("model", ["published", "default"])
+@pytest.mark.parametrize("model", ["published", pytest.param("default", marks=pytest.mark.long)])
 def test_the_law_holds_an_angle_with_the_tension_that_statics_gives(model: str) -> None:
     whole = load_scenario("hexagon_arm_angles", MODELS[model])
     inflate, begin, *targets = whole.phases

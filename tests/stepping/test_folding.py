@@ -66,6 +66,7 @@ def test_an_open_arm_bends_in_any_number_of_steps(steps: int) -> None:
     assert here.residual_N < 1e-6
 
 
+@pytest.mark.long
 def test_a_thin_refined_stack_bends_by_more_than_right_angles() -> None:
     # six square units of 50 mm, a film of 50 um and 3 GPa; it used to stop at 85 degrees
     cables = [{"name": f"c{k}", "corner": k, "units": [1, 6], "capstan_factor": 1.0} for k in (0, 1)]

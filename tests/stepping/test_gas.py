@@ -129,6 +129,7 @@ FEWER = {
 }
 
 
+@pytest.mark.long
 def test_the_sealed_arm_answers_its_question() -> None:
     result = cosim.run("sealed_arm", overrides=FEWER, error=False)
     rise = {entry["name"]: entry["pressure_Pa"] - 30e3 for entry in result.summary["phases"]}

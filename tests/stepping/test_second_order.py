@@ -54,6 +54,7 @@ def test_tip_flange_and_force_are_of_second_order(tmp_path: Path, scheme: str) -
         assert coarse < bound
 
 
+@pytest.mark.long
 def test_ticks_take_little_of_a_jerk() -> None:
     jerk = {"name": "jerk", "duration_s": 0.1, "settle_s": 0.5, "flange_shift_m": [0.03, 0.0, 0.0]}
     changed = {"clock.tick_s": 0.002, "start.pressure_Pa": 20e3, "phase": [jerk]}

@@ -100,7 +100,7 @@ def of_phase(result: cosim.RunResult, name: str) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("mode", ["dynamic", "quasistatic"])
+@pytest.mark.parametrize("mode", [pytest.param("dynamic", marks=pytest.mark.long), "quasistatic"])
 def test_a_table_is_pressed_as_by_the_film(folder: Path, mode: str) -> None:
     found, film = (run(folder, TABLE, fidelity, mode) for fidelity in ("section", "lumped"))
     pressed = film.contact_force_N.max()
@@ -111,6 +111,7 @@ def test_a_table_is_pressed_as_by_the_film(folder: Path, mode: str) -> None:
     assert found.contact_depth_m.max() == pytest.approx(film.contact_depth_m.max(), rel=0.1)
 
 
+@pytest.mark.long
 def test_friction_pulls_as_on_the_film(folder: Path) -> None:
     pulls = [
         of_phase(run(folder, TABLE, fidelity, "dynamic"), "rub")["flange_wrench"]["force_N"][0]
