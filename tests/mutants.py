@@ -1,4 +1,4 @@
-"""Breaks one expression after another and shows what finds it: python -m tests.mutants [--count N] [--seed S].
+"""Breaks expressions, one at a time, and shows what finds it: python -m tests.mutants [--count N] [--seed S].
 
 Each mutant is one changed sign, operator, comparison, condition or number in a copy of cosim; rooms take
 turns, the place within a room is drawn. The tests of the room go first, then the golden runs, then all

@@ -47,7 +47,8 @@ def section(folder: Path) -> Simulation:
 
 
 def touching(_: Path) -> Simulation:
-    return Simulation("gripper_lifts_roll", overrides={"model.published": True, "phase.inflate.duration_s": 0.02})
+    quick = {"model.published": True, "phase.inflate.duration_s": 0.02}
+    return Simulation("gripper_lifts_roll", overrides=quick)
 
 
 def ahead(here: Simulation, path: Path) -> Any:

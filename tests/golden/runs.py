@@ -36,7 +36,8 @@ HELD_SHORTLY: Final[dict[str, Any]] = {"phase.shake.duration_s": 1.5, "phase.hol
 QUICK: Final[dict[str, Any]] = {
     f"phase.{name}.{key}": seconds
     for name, (ramp_s, settle_s) in {
-        "hang": (0.2, 0.1), "inflate": (0.8, 0.2), "turn": (1.0, 0.3), "lift": (0.8, 0.2), "reach": (1.4, 0.2),
+        "hang": (0.2, 0.1), "inflate": (0.8, 0.2), "turn": (1.0, 0.3), "lift": (0.8, 0.2),
+        "reach": (1.4, 0.2),
     }.items()
     for key, seconds in (("duration_s", ramp_s), ("settle_s", settle_s))
 }  # fmt: skip
