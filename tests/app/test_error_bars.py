@@ -130,6 +130,7 @@ def test_a_difference_that_folds_films_is_not_added() -> None:
     assert again.state.positions == pytest.approx(x, abs=1e-6)
 
 
+@pytest.mark.long
 def test_tensions_for_a_target_are_found_again_on_the_refined_mesh(arm: Path) -> None:
     # of one cable there is one tension
     one = '{ name = "one", corner = 1, units = [1, 3], capstan_factor = 0.86 }'
@@ -156,6 +157,7 @@ def test_figures_are_off_by_no_less_than_tip_and_volume_ask_for() -> None:
     assert bounded_tension(0.0, 0.3, 0.8) == pytest.approx(0.5)
 
 
+@pytest.mark.long
 def test_forces_on_rings_are_those_of_the_run_on_the_refined_mesh(arm: Path) -> None:
     arm.write_text(ARM + PUSHED, encoding="utf-8")
     assert_bars_hold(phases(arm), phases(arm, error=False, fidelity="refined"))
@@ -168,7 +170,9 @@ def test_rings_that_are_held_later_are_held_where_the_refined_mesh_has_them() ->
     assert_bars_hold(run[1:], refined[1:])  # hardly inflated, the bare film has many shapes
 
 
-@pytest.mark.parametrize("robot", ["three_finger_gripper", "arm_with_gripper"])
+@pytest.mark.parametrize(
+    "robot", ["three_finger_gripper", pytest.param("arm_with_gripper", marks=pytest.mark.long)]
+)
 def test_copies_and_what_is_carried_are_refined_as_well(arm: Path, robot: str) -> None:
     given = {"soft_robot": robot, "phase.inflate.pressure_Pa": 2e3, "phase.inflate.increments": 1}
     assert phases(arm, **given)[-1]["error"]["tip_m"] > 0.0
