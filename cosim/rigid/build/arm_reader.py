@@ -34,12 +34,11 @@ def read_arm(source: ArmSource) -> ArmFile:
     Hands, fingers and helper frames off the chain are left out: the flange carries the soft robot.
 
     Raises:
-        InputError: MuJoCo refuses the file; the flange, a package or a mesh is not there; a joint is not
-            handled; a list of the `arm.toml` has not as many entries as there are joints, or values that no
-            joint has.
+        InputError: MuJoCo refuses the file; the flange, a package or a mesh is missing; the type of a joint
+            is not supported; a list of the `arm.toml` does not have one possible value per joint.
     """
     robot = MjcfArm(source) if source.is_mjcf else UrdfArm(source)
-    with mjcf_files.refusals(f"arm file {source.path}"):  # of names that stand twice
+    with mjcf_files.refusals(f"arm file {source.path}"):  # such as duplicate names
         way = way_to_flange(robot.tree, source.table.flange, source.path)
     chain = robot.chain_to(way)
     moving = [joint for joint in chain.joints if joint.get("type") != FIXED]
@@ -63,13 +62,13 @@ def read_arm(source: ArmSource) -> ArmFile:
 
 
 def _arm_of(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSource) -> ArmFile:
-    """Return the arm of a chain, with what its `arm.toml` says put in, besides its moving base.
+    """Return the arm of a chain with the values of its `arm.toml`, without its moving base.
 
     Args:
         chain: with its limits.
         names: of its joints that move.
         limits: (joints, 5), see `_limits_of`.
-        source: of it.
+        source: of the arm.
     """
     table, flange = source.table, chain.flange
     home, known = _home(chain, names, limits, source)
@@ -97,7 +96,7 @@ def _arm_of(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSour
 
 
 def _write_limits(moving: list[ElementTree.Element], names: tuple[str, ...], source: ArmSource) -> None:
-    """Write the limits of an `arm.toml` over those of joints."""
+    """Replace limits of joints by those of an `arm.toml`."""
     limits = source.table.limits
     for key in ("lower", "upper", "velocity", "acceleration", "effort"):
         values = _of_joints(getattr(limits, key), f"limits.{key}", names, source)
@@ -118,11 +117,11 @@ def _write_limits(moving: list[ElementTree.Element], names: tuple[str, ...], sou
 def _limits_of(joint: ElementTree.Element, source: ArmSource) -> list[float]:
     """Return the limits of a joint: lower, upper, effort, speed, acceleration; 0 for no effort or speed.
 
-    MuJoCo does not read the last two, and frees a joint that has no way.
+    MuJoCo does not read the last two, and ignores the limits of a joint with an empty range.
 
     Raises:
-        InputError: one is no number, effort or speed is negative, acceleration is not positive, or there is
-            no way between lower and upper.
+        InputError: one is no number, effort or speed is negative, acceleration is not positive, or the
+            range is empty.
     """
     limit, where, found = _limit_of(joint), _where(joint, source), []
     for key, default in (("lower", "0"), ("upper", "0"), *((key, "0") for key in _FILLED), _UNBOUNDED):
@@ -148,7 +147,7 @@ def _limits_of(joint: ElementTree.Element, source: ArmSource) -> list[float]:
 
 
 def _compiled(robot: ElementTree.Element, source: ArmSource) -> mujoco.MjModel:
-    """Return what MuJoCo makes of links and joints alone, which it checks.
+    """Return the compiled model of links and joints without shapes, which MuJoCo checks.
 
     Raises:
         InputError: it refuses them, or a length, mass or inertia is more than `_MOST`.
@@ -180,7 +179,7 @@ def _where(joint: ElementTree.Element, source: ArmSource) -> str:
 def _of_joints(
     values: tuple[float, ...] | None, key: str, names: tuple[str, ...], source: ArmSource
 ) -> Array | None:
-    """Return a list of `arm.toml` that has an entry for each joint; None where it is left out."""
+    """Return a list of `arm.toml` as (joints,); None if it is left out."""
     if values is not None and len(values) != len(names):
         raise InputError(
             f"arm {source.name!r}: {key} has {len(values)} entries; there are {len(names)} joints: "
@@ -190,7 +189,7 @@ def _of_joints(
 
 
 def _home(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSource) -> tuple[Array, bool]:
-    """Return the home of an arm, and whether anybody has given it; otherwise it is as near 0 as can be."""
+    """Return the home of an arm, and whether a file gives it; if not, it is 0, clipped to the limits."""
     given, (lower, upper) = _of_joints(source.table.home, "home", names, source), limits[:, :2].T
     home = chain.home if given is None else given
     if home is None:

@@ -27,9 +27,9 @@ class Way:
 
     Args:
         flange: name of the site or body whose frame is the flange.
-        on_site: whether it is a site's, of the last body.
+        on_site: whether the flange is a site of the last body.
         bodies: names, from the base on.
-        how: the flange was found.
+        how: how the flange was found.
     """
 
     flange: str
@@ -44,13 +44,13 @@ class Chain:
     """Links and joints from the root to the flange, as URDF.
 
     Args:
-        robot: nothing else is in it.
+        robot: top element, with these links and joints only.
         joints: of it, base to flange.
         flange: link whose frame is the flange.
         home: (joints,) of the arm's file; None: it has none.
         armature: (joints,) [kg m^2] of the arm's file; None: it has none.
         shapes: see `ArmFile`.
-        files: that it was read from.
+        files: that were read.
         left_out: names of links off the chain that have a mass.
     """
 
@@ -69,8 +69,8 @@ def way_to_flange(spec: mujoco.MjSpec, given: str | None, path: Path) -> Way:
 
     Args:
         spec: in which all bodies have names.
-        given: name of the flange, a site or body; None: see `FLANGE_NAMES`, also as the end of one name only,
-            such as left_tool0; else the last body before the chain branches into several that move, or ends.
+        given: name of the flange, a site or body; None: one of `FLANGE_NAMES`, or the only name that ends in
+            one, such as left_tool0; else the last body before the chain ends, or branches into moving bodies.
         path: of the file.
 
     Raises:
@@ -128,8 +128,8 @@ def _last_body(spec: mujoco.MjSpec) -> mujoco.MjsBody:
 
 
 def _other_flanges(spec: mujoco.MjSpec) -> str:
-    """Return what to do about a flange that too few or too many joints move: the ends of usable chains."""
-    counts = {ROOT: 0}  # joints that move a body; -1 where one that is not handled does
+    """Return a text with other flanges, which 1 to `MOST_JOINTS` joints move: the ends of usable chains."""
+    counts = {ROOT: 0}  # joints that move a body; -1 if one of them is not supported
     for body in spec.bodies[1:]:
         above, kinds = counts[body.parent.name], [joint.type for joint in body.joints]
         usable = above >= 0 and len(kinds) <= 1 and _HANDLED.issuperset(kinds)

@@ -36,16 +36,16 @@ FLOOR = "floor"
 _ROBOT_CONTACT = (1, 2)
 _OTHER_ARMS = 8  # bit of the first of several arms, which meet one another
 _FRICTION_OVER_NORMAL = 1e4  # impedances of a contact: below friction's limit, creep goes with its inverse
-_WITH_WIRES = 1e2  # of a wound wire's many contacts, harder friction doubles the cost of a step
-_TOLERANCE = 1e-14  # of contact forces, relative to a mean inertia that is the arm's more than the objects'
-# MuJoCo ends the search along a Newton step after so many points, and with it the iteration, whatever
-# force is left. Its own 50 are too few for friction on many points: a clamped spool shook the arm.
+_WITH_WIRES = 1e2  # the same with wires: stiffer friction at their many contacts doubles the cost of a step
+_TOLERANCE = 1e-14  # of contact forces, relative to the mean inertia, which is mostly that of the arm
+# Most points in the search along a Newton step; after them MuJoCo ends the iteration, whatever force
+# remains. Its default of 50 is too small for friction at many points: a clamped spool shook the arm.
 _SEARCHES_MAX = 500
-# Of the slope along a Newton step, over the tolerance: with MuJoCo's own 0.01, below what rounding leaves of
-# it, which kept searches from ending: a sixth of a step.
+# Tolerance of the slope along a Newton step, over `_TOLERANCE`. MuJoCo's default of 0.01 is below the
+# rounding error, so searches did not end: a sixth of the time of a step.
 _SEARCH_TOLERANCE = 100.0
 _DEPTH_TOLERANCE_M = 1e-9  # normals of shapes that touch less deeply may point the other way
-_FEW_TREES = 2  # as of a gripper and one object: finding islands costs more than solving all at once
+_FEW_TREES = 2  # such as a gripper and one object: finding islands costs more than solving all at once
 _FLOOR_GREY = (0.86, 0.87, 0.88, 1.0)
 
 
@@ -70,7 +70,7 @@ def compile_model(description: SceneDescription, arms: tuple[SceneDescription, .
 
 
 def _refused(description: SceneDescription, arms: tuple[SceneDescription, ...]) -> str | None:
-    """Return the name of the object or wire that MuJoCo refuses, by bisection; None: it refuses the rest."""
+    """Return the name of the object or wire that MuJoCo refuses, by bisection; None if it is another part."""
     objects, wires = description.objects_by_parent(), description.wires
     names = [item.name for item in objects] + [wire.name for wire in wires]
 
@@ -216,7 +216,7 @@ def _prepare_arm(spec: mujoco.MjSpec, description: SceneDescription) -> None:
         geom.density = 0.0  # a link without <inertial> has no mass, whatever its shapes
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _ROBOT_CONTACT
-    # A massless body of its own: loads act at its origin, and the sensor above it sees them alone.
+    # A separate massless body: loads act at its origin, and the sensor measures only these.
     mount = spec.body(arm.flange_frame).add_body(name=FLANGE_MOUNT)
     mount.add_site(name=FLANGE_SITE)
     for name, kind in (

@@ -34,7 +34,7 @@ def add_corner_contacts(
         body_from_geom = Pose.from_quaternion(np.array(geom.quat), np.array(geom.pos))
         for k, place in enumerate(body_from_geom.apply(_corners(spec, geom))):
             name = f"{geom.name}/corner {k + 1}"
-            # contact bits of 0: nothing but what is named in a pair meets it
+            # with contact bits of 0 it meets only geoms that are named in a pair
             corner = touching.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_SPHERE, contype=0, conaffinity=0)
             corner.size, corner.pos, corner.mass = [_POINT_M, 0.0, 0.0], place, 0.0
             for body in carried:

@@ -151,17 +151,17 @@ class SceneObject:
         size_m: as of `[[object]]`; of a plane, its edges along x and y.
         position_m: (3,) [m], of the body's frame, world; the centre of a shape that is no mesh.
         quaternion: (w, x, y, z), world from object.
-        mass_kg: 0 for an object that stands still; parts share it by volume times relative density.
+        mass_kg: 0 for a fixed object; parts share it by volume times relative density.
         rgba: colour, components 0 to 1.
         friction: sliding friction coefficient.
         inertia: (3,) [kg m^2], about the centre of mass, body axes; None: that of its solids.
         center_of_mass_m: (3,), body frame, where `inertia` is given.
-        spin_friction_m: torsional and rolling friction, torque by normal force; None: MuJoCo knows none.
-        contact_time_s: of what is mounted on the flange: in which what touches it comes to move with it.
+        spin_friction_m: torsional and rolling friction, torque over normal force; None: no such friction.
+        contact_time_s: of a body on the flange: time constant of its contacts.
         mesh: of shape "mesh", see `Geometry`.
         convex: of shape "mesh", see `Geometry`.
         parts: further solids on the same body; they may overlap.
-        joint: that it hangs on; None for a body that is free, or stands still.
+        joint: that it hangs on; None for a free or fixed body.
     """
 
     name: str

@@ -26,11 +26,11 @@ _LEAST_SPREAD: Final = 0.1  # second singular value of the axes' directions: all
 @final
 @dataclass(frozen=True)
 class ArmDrawing:
-    """The meshes that an arm is drawn by in place of its own shapes.
+    """Meshes that replace an arm's own shapes in pictures.
 
     Args:
         shapes: of the bodies that have meshes; other bodies keep their own shapes.
-        note: by what the arm is drawn, or why by its own shapes; empty where its file names nothing.
+        note: how the arm is drawn, or why with its own shapes; empty if its file names no other description.
     """
 
     shapes: tuple[BodyShape, ...] = ()
@@ -43,7 +43,7 @@ class ArmDrawing:
 
 
 def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDrawing:
-    """Return how an arm is drawn in a scene; nothing is raised, as a drawing changes no result.
+    """Return how an arm is drawn in a scene; errors become a note, as a drawing changes no result.
 
     Args:
         arm: whose file may name another description, see `ArmTable.drawn_as`.
@@ -53,7 +53,7 @@ def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDraw
     if arm.drawn_as is None:
         return ArmDrawing()
     try:
-        source = Context().run(arm_source, arm.drawn_as)  # its files are not noted as those of a run
+        source = Context().run(arm_source, arm.drawn_as)  # so that its files do not count as files of the run
         other = Context().run(_read, source)
         shapes = _fitted(other, model, [prefix + name for name in arm.joint_names])
     except (InputError, ValueError) as error:  # MuJoCo raises the latter
@@ -65,7 +65,7 @@ def drawing_of(arm: ArmFile, model: mujoco.MjModel, prefix: str = "") -> ArmDraw
 def _read(source: ArmSource) -> ArmFile:
     """Return another description, read once in a process: meshes take time.
 
-    Corners of triangles that are in one place become one vertex, so that round faces are drawn smooth.
+    Corners of triangles at one position become one vertex, so that round faces are drawn smooth.
     """
     arm = read_arm(source)
     return replace(arm, shapes=tuple(map(_welded, arm.shapes)))
@@ -85,7 +85,7 @@ def _fitted(other: ArmFile, model: mujoco.MjModel, names: list[str]) -> tuple[Bo
         names: of the arm's joints in it.
 
     Raises:
-        InputError: its axes do not lie on those of the arm.
+        InputError: its joint axes do not coincide with those of the arm.
     """
     spec = mujoco.MjSpec.from_string(other.urdf)
     spec.compiler.fusestatic = False
@@ -113,7 +113,7 @@ def _fitted(other: ArmFile, model: mujoco.MjModel, names: list[str]) -> tuple[Bo
 
 
 def _at_zero(model: mujoco.MjModel, joints: IntArray) -> mujoco.MjData:
-    """Return where all bodies are with some joints at zero."""
+    """Return the state of a model with some joints at zero."""
     data = mujoco.MjData(model)
     data.qpos[model.jnt_qposadr[joints]] = 0.0
     mujoco.mj_kinematics(model, data)
@@ -121,7 +121,7 @@ def _at_zero(model: mujoco.MjModel, joints: IntArray) -> mujoco.MjData:
 
 
 def _alignment(ours: tuple[Array, Array], theirs: tuple[Array, Array], other: ArmFile) -> Pose:
-    """Return the pose X that puts axes onto others: least squares of directions, then of distances of lines.
+    """Return the pose X that moves axes onto others: least squares of directions, then of distances of lines.
 
     R minimises sum |R u_k - v_k|^2 (Kabsch, Acta Cryst. A 32, 1976); t solves sum P_k (R p_k + t - q_k) = 0
     with P_k = 1 - v_k v_k^T.

@@ -29,8 +29,8 @@ _Object = mujoco.mjtObj
 def link_shapes(model: mujoco.MjModel, bodies: list[int], names: list[str]) -> tuple[LinkShape, ...]:
     """Return the shapes of bodies, in the frames of their links.
 
-    What does not collide is drawn; a body that has nothing but what collides, is drawn by that. Planes and
-    height fields belong to no link and are left out.
+    Shapes that do not collide are drawn; if all shapes of a body collide, these are drawn. Planes and height
+    fields belong to no link and are left out.
 
     Args:
         model: compiled.
@@ -81,7 +81,7 @@ class MjcfArm:
     Attributes: `tree`, its bodies, all of which have names.
 
     Args:
-        source: where it is.
+        source: of the arm.
 
     Raises:
         InputError: MuJoCo cannot read the file.
@@ -94,10 +94,10 @@ class MjcfArm:
             body.name = _name(self._read.model, _Object.mjOBJ_BODY, body.id)
 
     def chain_to(self, way: Way) -> Chain:
-        """Return the chain to the flange, its links in frames that are the bodies', moved to their joints.
+        """Return the chain to the flange; the frame of a link is that of its body, moved to its joint.
 
         Raises:
-            InputError: the chain holds joints that are not handled, or is not free to move.
+            InputError: the chain has joints that are not supported, or is tied to something.
         """
         model, path = self._read.model, self._source.path
         bodies = [self.tree.body(name).id for name in way.bodies]
@@ -226,5 +226,5 @@ def _home(model: mujoco.MjModel, joints: list[int]) -> Array | None:
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, index: int) -> str:
-    """Return the name of something, or what represents one."""
+    """Return the name of an element, or its kind and index."""
     return mujoco.mj_id2name(model, kind, index) or f"{kind.name.removeprefix('mjOBJ_').lower()}_{index}"

@@ -37,11 +37,11 @@ class UrdfArm:
     Attributes: `tree`, its links as MuJoCo joins them, without masses and shapes.
 
     Args:
-        source: where it is.
+        source: of the arm.
 
     Raises:
-        InputError: the file is not there, too large, no XML, no URDF, not expanded, or no tree; a number is
-            not finite.
+        InputError: the file is missing, too large, no XML, no URDF or no tree, or has xacro macros or a
+            number that is not finite.
     """
 
     def __init__(self, source: ArmSource) -> None:
@@ -86,7 +86,7 @@ class UrdfArm:
 
 
 def urdf_spec(robot: ElementTree.Element, path: Path) -> mujoco.MjSpec:
-    """Return what MuJoCo reads of a robot, all links as bodies.
+    """Return MuJoCo's specification of a robot, with all links as bodies.
 
     Raises:
         InputError: MuJoCo refuses it; the message names the file.
@@ -120,7 +120,7 @@ def _read_robot(path: Path) -> ElementTree.Element:
     for element in robot.iter():
         mjcf_files.check_numbers(element, f"arm file {path}")
     if not robot.get("name"):
-        robot.set("name", path.stem)  # Pinocchio wants one
+        robot.set("name", path.stem)  # Pinocchio needs one
     for inertia in robot.iter("inertia"):
         for key in ("ixy", "ixz", "iyz"):
             inertia.set(key, inertia.get(key, "0"))
@@ -146,10 +146,10 @@ def find_meshes(robot: ElementTree.Element, source: ArmSource) -> tuple[Path, ..
 
 
 def replace_unreadable(robot: ElementTree.Element, model: mujoco.MjModel) -> tuple[str, ...]:
-    """Replace meshes that MuJoCo cannot read; return what to say about all of them.
+    """Replace meshes that MuJoCo cannot read; return notes on them.
 
-    What is drawn, by the link's collision shapes. What collides, by a box of the link's mass and inertia; a
-    link without a mass loses the shape.
+    Visual shapes are replaced by the link's collision shapes, collision shapes by a box of the link's mass
+    and inertia; a link without mass loses the shape.
 
     Args:
         robot: whose meshes are absolute paths.

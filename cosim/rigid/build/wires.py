@@ -13,15 +13,15 @@ from cosim.config.schema.objects import WireTable
 from cosim.rigid.build.description import VISUAL_GROUP, SceneObject
 from cosim.rigid.build.object_bodies import HARD, world_pose
 
-# It meets robots (bit 1) and objects (bit 2); two of its kind meet neither's bits.
+# A wire touches robots (bit 1) and objects (bit 2), but no wires.
 _CONTACT = (4, 3)
 
 
 def add_wire(spec: mujoco.MjSpec, wire: WireTable, objects: dict[str, SceneObject], tick_s: float) -> None:
-    """Add the bodies of a wire, one inside the other from its first point on.
+    """Add the bodies of a wire, each a child of the one before, from its first point on.
 
     Args:
-        spec: holds the objects already.
+        spec: with the objects.
         wire: to add.
         objects: of the scene by name.
         tick_s: length of a step [s], for the springs, see `Joint`.

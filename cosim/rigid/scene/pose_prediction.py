@@ -59,11 +59,11 @@ class PosePrediction:
 
     @property
     def steps(self) -> int:
-        """How many steps of MuJoCo the next rigid step takes."""
+        """Number of MuJoCo's steps in the next rigid step."""
         return int(self._pace[0])
 
     def at_velocities(self, tick_s: float) -> None:
-        """Fill how far bodies are ahead after a time [s] at the velocities that they have."""
+        """Fill `lead` with the displacements after a time [s] at the present velocities."""
         steps = self.steps
         self.lead.fill(0.0)
         unchecked(add_way)(self.motions, self.ahead, 1, tick_s, self.lead)
@@ -71,11 +71,11 @@ class PosePrediction:
             add_way(self.motions, self.ahead, -1, tick_s * (steps - 1) / (2 * steps), self.lead)
 
     def under_loads(self, loads: Array, tick_s: float) -> None:
-        """Fill how far bodies are ahead at the end of MuJoCo's next step.
+        """Fill `lead` with the displacements at the end of MuJoCo's next step.
 
         Args:
-            loads: (bodies, 6) [N, N m], about centres of mass, on those that are met ahead; the others bear
-                what they bear.
+            loads: (bodies, 6) [N, N m], about centres of mass, for bodies with `ahead` 1; the others keep
+                their present loads.
             tick_s: length of the step [s].
         """
         applied = self._applied

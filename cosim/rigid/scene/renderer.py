@@ -66,13 +66,13 @@ class Drawn:
 @final
 @dataclass(frozen=True, eq=False)
 class DrawnScene:
-    """What there is to draw.
+    """Rigid bodies and film to draw.
 
     Args:
         shapes: of the rigid bodies, in their frames.
-        bodies: how many rigid bodies there are.
+        bodies: number of rigid bodies.
         triangles: (m, 3), of the film.
-        nodes: how many the film has.
+        nodes: number of its nodes.
     """
 
     shapes: Sequence[BodyShape]
@@ -83,10 +83,10 @@ class DrawnScene:
 
 @final
 class SceneRenderer:
-    """Draws a scene; of one thread.
+    """Draws a scene; it may be used in one thread only.
 
     Args:
-        scene: what there is to draw.
+        scene: to draw.
         lenses: of the cameras.
 
     Raises:
@@ -107,7 +107,7 @@ class SceneRenderer:
         self._drawing.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
 
     def place(self, positions: Array, quaternions: Array, nodes: Array) -> None:
-        """Put rigid bodies and film where they are.
+        """Set the poses of rigid bodies, and the film's nodes.
 
         Args:
             positions: (bodies, 3) [m], world.
@@ -119,10 +119,10 @@ class SceneRenderer:
         self._vertices[:] = nodes
 
     def draw(self, camera: int, position: Array, rotation: Array) -> Drawn:
-        """Return what a camera sees.
+        """Return the picture of a camera.
 
         Args:
-            camera: its place among the lenses.
+            camera: its index among the lenses.
             position: (3,) [m], world.
             rotation: (3, 3), world from camera: x to the right, y up, z against the line of sight.
         """
@@ -151,7 +151,7 @@ class SceneRenderer:
         return Drawn(rgb[::-1].copy(), _metres(depth[::-1]), self._segments(codes[::-1]))
 
     def close(self) -> None:
-        """Give back what the graphics hold."""
+        """Free the graphics context and its buffers."""
         if self._context is not None:
             self._context.make_current()
             self._drawing.free()
@@ -159,7 +159,7 @@ class SceneRenderer:
             self._context = None
 
     def __del__(self) -> None:
-        with suppress(Exception):  # not made as a whole, or after what draws has ended by itself
+        with suppress(Exception):  # if the constructor failed, or while the interpreter exits
             self.close()
 
     def _pass(self, area: Any, colours: NDArray[np.uint8], depth: NDArray[np.float32] | None) -> None:
@@ -167,7 +167,7 @@ class SceneRenderer:
         mujoco.mjr_readPixels(colours, depth, area, self._drawing)
 
     def _segments(self, codes: NDArray[np.uint8]) -> NDArray[np.int16]:
-        """Return segments (h, w) of the colours (h, w, 3) of a pass in which every thing has one."""
+        """Return segments (h, w) from colours (h, w, 3) of a pass in which every geom has one colour."""
         found = np.zeros(self._scene.ngeom + 1, np.int16)
         for geom in self._scene.geoms[: self._scene.ngeom]:
             if geom.segid >= 0:
@@ -220,7 +220,7 @@ def _model(scene: DrawnScene, lenses: Sequence[Lens]) -> Any:
 
 
 def _gl_context(width: int, height: int) -> Any:
-    """Return a place to draw to, of the library that MUJOCO_GL names, or else of the first that is there."""
+    """Return an offscreen context of the library that MUJOCO_GL names, or of the first that is installed."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
     names = (
         [asked] if asked in _LIBRARIES else [name for name in _LIBRARIES if find_library(_LIBRARIES[name])]
@@ -233,7 +233,7 @@ def _gl_context(width: int, height: int) -> Any:
         else:
             from mujoco.osmesa import GLContext
         return GLContext(width, height)
-    except Exception as error:  # whatever a driver raises
+    except Exception as error:  # drivers raise any exception
         text = (str(error).splitlines() or [""])[0]
         raise OutputError(
             f"cameras cannot draw by {names[0]}: {type(error).__name__}: {text}; {_REMEDY}"
@@ -241,10 +241,10 @@ def _gl_context(width: int, height: int) -> Any:
 
 
 def add_film(scene: mujoco.MjvScene, positions: Array, triangles: IntArray) -> None:
-    """Add a film to what MuJoCo is to draw; a triangle has a corner at its place, its edges are axes.
+    """Add a film to a scene that MuJoCo draws: a geom for each triangle, with its edges and normal as axes.
 
     Args:
-        scene: that gets a geom for each triangle.
+        scene: with room for the geoms.
         positions: (n, 3) [m], world.
         triangles: (m, 3), nodes of each.
 

@@ -46,18 +46,18 @@ class ArmServos:
         self._friction, self._mass = model.dof_damping[dofs], data.M
         self._diagonal = (model.M_rowadr + model.M_rownnz - 1)[dofs].tolist()
         self._asked, self._began = np.zeros(len(limit)), np.zeros(len(limit))
-        self._side = [0] * len(limit)  # of its limits at which a joint is
+        self._side = [0] * len(limit)  # 1 or -1 for a joint at its upper or lower limit, else 0
 
     def begin(self) -> None:
-        """Take the torques u that MuJoCo has found, with no joint at its limit."""
+        """Read the torques u that MuJoCo has computed; no joint is at its limit yet."""
         self._asked[:], self._began[:] = self._force, self._speed
         if any(self._side):
             self._side = [0] * len(self._side)
 
     def limit(self) -> bool:
-        """Put joints at their limits, or take them off; return whether that has changed any.
+        """Decide which joints are at their limits; return whether that has changed for any.
 
-        MuJoCo's mass matrix is then to be factorised, and accelerations are to be found again.
+        Then MuJoCo's mass matrix must be factorised, and accelerations must be computed again.
         """
         near = unchecked(near_limit)(self._asked, self._carried, self._acceleration, self._limit)
         return (near or any(self._side)) and self._change_sides()
@@ -76,7 +76,7 @@ class ArmServos:
         return changed
 
     def end(self) -> None:
-        """Find the torques of the last step from the speeds at its ends."""
+        """Compute the torques of the last step from the speeds at its ends."""
         unchecked(fill_servo_torque)(
             self._asked, self._damping, self._speed, self._began, self._limit, self.torque
         )
