@@ -129,8 +129,7 @@ class Carrier(ABC):
         """
         return np.zeros((0, FIGURES))
 
-    @abstractmethod
-    def set_configuration(self, joints: Array) -> None:
+    def set_configuration(self, joints: Array) -> None:  # noqa: B027  # not every carrier has joints
         """Set joint angles (joints,) [rad], at rest."""
 
     @property
@@ -138,8 +137,7 @@ class Carrier(ABC):
         """(joints,) [rad], deflection of the joints under load, in statics."""
         return np.zeros(0)
 
-    @abstractmethod
-    def track(self, reference: Array, deflection: Array) -> None:
+    def track(self, reference: Array, deflection: Array) -> None:  # noqa: B027
         """Set new references (joints,) [rad] at rest, with a guess of the deflection under load."""
 
     def relax_under(self, reference: Array, wrench: Wrench) -> bool:

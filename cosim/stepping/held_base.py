@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.base.column import room_for
 from cosim.base.columns import TickColumns
-from cosim.base.frames import Array, Pose, Wrench
+from cosim.base.frames import Pose, Wrench
 from cosim.coupling.robots.soft_robot import SoftRobot
 from cosim.coupling.ticks import ServoCommands, TickLog, figures_of, sizes_of
 from cosim.plan.joint_path import JointPath, JointReference
@@ -61,12 +61,6 @@ class HeldBase(Carrier):
     @property
     def report(self) -> Mapping[str, str]:
         return {"Arm": "none: the base is held at its start"}
-
-    def set_configuration(self, joints: Array) -> None:
-        pass
-
-    def track(self, reference: Array, deflection: Array) -> None:
-        pass
 
     def couple(self, wrench: Wrench) -> None:
         self.state = HeldBaseState(wrench)

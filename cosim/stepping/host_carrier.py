@@ -61,12 +61,6 @@ class HostCarrier(SceneCarrier):
         load = Wrench(touched.force[rows[0]], touched.torque[rows[0]])
         return load.moved(self._scene.far_position)
 
-    def set_configuration(self, joints: Array) -> None:
-        pass
-
-    def track(self, reference: Array, deflection: Array) -> None:
-        pass
-
     def servos(self, references: JointReference) -> ServoCommands:
         return _NO_SERVOS
 
