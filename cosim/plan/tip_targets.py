@@ -72,7 +72,7 @@ def reach(
                 return way, here
     raise UnreachableError(
         "there are equilibria with the tip on the target, but the motion to them ends in others, the last "
-        f"one {missed.off()} off",
+        f"one {missed.off()} off; reach the target in several phases, with targets in between",
         missed,
     )
 

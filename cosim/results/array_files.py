@@ -109,7 +109,7 @@ def read_parts(paths: Sequence[Path], names: Iterable[str], tick: str) -> dict[s
     for path in paths:
         part = read_columns(path)
         if missing := [name for name in names if name not in part]:
-            raise InputError(f"{path}: lacks {', '.join(missing)}")
+            raise InputError(f"{path}: lacks {', '.join(missing)}; run its scenario again")
         if len(part[tick]):
             parts = [_before(earlier, tick, part[tick][0]) for earlier in parts]
             parts.append(part)

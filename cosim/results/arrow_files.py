@@ -131,7 +131,9 @@ def _description(metadata: Mapping[bytes, bytes] | None, path: Path) -> dict[str
     if metadata is None or _OWN not in metadata:
         raise InputError(f"{path}: was not written by cosim")
     if metadata.get(_DIGEST, b"") not in (b"", sha256(metadata[_OWN]).hexdigest().encode()):
-        raise InputError(f"{path}: is damaged: its description is not the one that was written")
+        raise InputError(
+            f"{path}: is damaged: its description is not the one that was written; run its scenario again"
+        )
     description: dict[str, Any] = json.loads(metadata[_OWN])
     return description
 

@@ -124,7 +124,9 @@ class RunResult(FrameColumns, RunColumns):
         """
         shown = list(panels(self, names))
         if not shown:
-            raise InputError(f"{self.stage.scenario}: the run has no ticks to draw")
+            raise InputError(
+                f"{self.stage.scenario}: the run has no ticks to draw; its summary has the reason"
+            )
         changes_s = self.time_s[np.flatnonzero(np.diff(self.phase))].tolist()
         return figure_of(shown, self.time_s, changes_s, f"{self.stage.title} ({self.status})")
 

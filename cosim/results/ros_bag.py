@@ -68,7 +68,10 @@ def write_bag(result: RunResult, folder: Path) -> int:
     from rosbags.typesys import Stores, get_typestore
 
     if result.stage.mode != "dynamic":
-        raise InputError(f"{result.stage.scenario}: a quasi-static run has no time, which a bag needs")
+        raise InputError(
+            f"{result.stage.scenario}: a quasi-static run has no time, which a bag needs; run it with mode = "
+            "'dynamic'"
+        )
     if folder.exists() and any(entry.name not in (_METADATA, f"{BAG}.mcap") for entry in folder.iterdir()):
         raise InputError(f"{folder}: has files that are not of a bag; move them")
     store, count = get_typestore(Stores.ROS2_HUMBLE), 0

@@ -45,7 +45,9 @@ def write_usd(result: RunResult, shapes: Sequence[BodyShape], path: Path) -> int
     from pxr import Usd, UsdGeom
 
     if not len(result.frame_time_s):
-        raise InputError(f"{result.stage.scenario}: there is no frame to write")
+        raise InputError(
+            f"{result.stage.scenario}: there is no frame to write; the summary of the run has the reason"
+        )
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)

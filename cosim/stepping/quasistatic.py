@@ -224,7 +224,7 @@ class QuasistaticSimulation(SteppedRun):
             raise ConvergenceError(
                 f"the arm and the soft robot that pushes it find no common equilibrium: after {_ROUNDS_MAX} "
                 f"rounds the flange still moves by {1e3 * moved:.3g} mm, with "
-                f"{np.linalg.norm(found.wrench.force):.3g} N on it",
+                f"{np.linalg.norm(found.wrench.force):.3g} N on it; take more increments, or stiffer servos",
                 found.residual_N,
                 spent,
             )

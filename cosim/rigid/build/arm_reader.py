@@ -199,6 +199,6 @@ def _home(chain: Chain, names: tuple[str, ...], limits: Array, source: ArmSource
         k = int(np.argmax(outside))
         raise InputError(
             f"arm file {source.path}: joint {names[k]!r}: its home {home[k]:g} is outside its limits, "
-            f"{lower[k]:g} to {upper[k]:g}"
+            f"{lower[k]:g} to {upper[k]:g}; set home in an arm.toml"
         )
     return home, True

@@ -286,7 +286,9 @@ class SceneDescription:
             ready = [item for item in waiting if (item.joint and item.joint.parent) in placed]
             if not ready:
                 names = ", ".join(repr(item.name) for item in waiting)
-                raise InputError(f"{names}: hang on themselves, or on an object that does not exist")
+                raise InputError(
+                    f"{names}: hang on themselves, or on an object that does not exist; name one of the scene"
+                )
             ordered += ready
             placed |= {item.name for item in ready}
             waiting = [item for item in waiting if item.name not in placed]

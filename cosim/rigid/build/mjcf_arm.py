@@ -152,7 +152,7 @@ def _joint_of(model: mujoco.MjModel, body: int, path: Path) -> int | None:
     if kind == mujoco.mjtJoint.mjJNT_SLIDE and not model.jnt_limited[first]:
         raise InputError(f"{where} slides without limits; give it a range")
     if model.jnt_stiffness[first] != 0.0:
-        raise InputError(f"{where} has a spring, which no joint of an arm may have")
+        raise InputError(f"{where} has a spring, which no joint of an arm may have; remove its stiffness")
     return first
 
 

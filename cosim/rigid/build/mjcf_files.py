@@ -149,7 +149,9 @@ class _Contents:
                     continue
                 inner = self._counts[file] if file in self._counts else self.count(file)
                 if inner == _COUNTING:
-                    raise InputError(f"{where}: {_label(element)} is this file, or one that leads back to it")
+                    raise InputError(
+                        f"{where}: {_label(element)} is this file, or one that leads back to it; remove it"
+                    )
                 models[element.get("name", file.stem)] = inner
         total, waiting = 0.0, [(root, 1.0)]
         while waiting:

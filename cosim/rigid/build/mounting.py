@@ -44,7 +44,9 @@ def add_adapter(robot: ElementTree.Element, flange: str, adapter: AdapterTable, 
         InputError: a link is called "adapter" already, or the adapter has a mass but no length.
     """
     if any(link.get("name") == ADAPTER for link in robot.findall("link")):
-        raise InputError(f"arm file {path}: a link is called {ADAPTER!r}, so no adapter can be added")
+        raise InputError(
+            f"arm file {path}: a link is called {ADAPTER!r}, so no adapter can be added; rename it"
+        )
     end = Pose.from_quaternion(np.array(adapter.quaternion), np.array(adapter.position_m))
     length, radius, mass_kg = float(np.linalg.norm(end.translation)), adapter.radius_m, adapter.mass_kg
     link = ElementTree.SubElement(robot, "link", name=ADAPTER)

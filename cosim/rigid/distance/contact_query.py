@@ -120,7 +120,10 @@ def shapes_of(model: mujoco.MjModel, geoms: IntArray) -> Shapes:
     known = {int(value) for value in ShapeKind}
     for geom, value in zip(geoms, kind, strict=True):
         if int(value) not in known:
-            raise InputError(f"geom {model.geom(geom).name!r}: kind {int(value)} has no surface to touch")
+            raise InputError(
+                f"geom {model.geom(geom).name!r}: kind {int(value)} has no surface to touch; set its contype "
+                "and conaffinity to 0"
+            )
     planes, corners, values = [np.zeros((0, 4))], [np.zeros((0, 3, 3))], [np.zeros(0)]
     faces, table = np.zeros((count, 2), np.int64), np.zeros((count, 4), np.int64)
     origin, spacing = np.zeros((count, 3)), np.ones((count, 3))
@@ -153,7 +156,9 @@ def _hull(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     try:
         hull = ConvexHull(vertices)
     except QhullError:
-        raise InputError(f"geom {model.geom(geom).name!r}: its mesh has no volume to touch") from None
+        raise InputError(
+            f"geom {model.geom(geom).name!r}: its mesh has no volume to touch; make it thicker"
+        ) from None
     planes = np.array(hull.equations)
     planes[:, 3] *= -1.0
     return planes, vertices[hull.simplices]

@@ -141,7 +141,8 @@ def droop(
     worst = int(np.argmax(np.abs(residual)))
     raise ConvergenceError(
         f"the arm's servos find no rest under this load: joint {joint_names[worst]} is still "
-        f"{abs(residual[worst]):.3g} N m out of balance after {_ITERATIONS} iterations",
+        f"{abs(residual[worst]):.3g} N m out of balance after {_ITERATIONS} iterations; make the load "
+        "lighter, or the servos stiffer",
         residual_N=float(np.abs(residual[worst])),
         iterations=_ITERATIONS,
     )
