@@ -59,10 +59,9 @@ def run(
     """
     started = time.perf_counter()
     named = preparation.named_body(body)
-    loaded = loading.load_scenario(scenario, overrides, named and named.table())
-    rules.check_ends(loaded)
+    checked = loading.load_scenario(scenario, overrides, named and named.table())
+    rules.check_ends(checked)
     kept = kept_parts.KeptParts(on_disk=True)
-    checked = preparation.prepared(loaded, preparation.log, kept=kept)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = ResultBuilder(checked.recording.frames_per_s)
     recorder = driver.rerun_recorder if recording else None
@@ -101,8 +100,7 @@ def run_arms(
         RunInterrupted: by Ctrl-C.
     """
     started = time.perf_counter()
-    loaded, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(on_disk=True)
-    checked = preparation.prepared_arms(loaded, preparation.log, kept=kept)
+    checked, kept = several_arms.load_arms(scenario, overrides), kept_parts.KeptParts(on_disk=True)
     directory = Path(out) if out is not None else default_directory(checked.name) if recording else None
     arrays = {name: ResultBuilder(one.recording.frames_per_s) for name, one in checked.arms.items()}
     options = Options(directory, driver.rerun_recorder if recording else None, tell=preparation.log)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cosim.app.attached import Attached
-from cosim.app.preparation import log, named_body, prepared
+from cosim.app.preparation import named_body
 from cosim.config.loading import load_scenario, load_soft_robot
 from cosim.config.plugins import note_kinds
 from cosim.config.schema.phase import FlangePoseTable, StartTable
@@ -65,9 +65,8 @@ def attach(
         raise InputError(
             f"overrides: fidelity is {scenario.fidelity!r}; a soft joint needs 'lumped' or 'refined'"
         )
-    chosen = prepared(scenario, log)
-    note_kinds(chosen)
-    return Attached(chosen, host, named and named.body)
+    note_kinds(scenario)
+    return Attached(scenario, host, named and named.body)
 
 
 def _scenario(host: HostModel, robot: str | Path | None) -> Scenario:

@@ -56,11 +56,11 @@ class Batch:
         start: SavedState | str | Path | None = None,
     ) -> None:
         # kernels and section models, which take long, are made once, before the processes start
-        loaded = load_scenario(scenario, overrides)
-        self.scenario = preparation.prepared(loaded, preparation.log)
+        self.scenario, kept = load_scenario(scenario, overrides), KeptParts(on_disk=True)
+        preparation.build_section_model(self.scenario, preparation.log, kept)
         preparation.warm_up()
         each = _for_each(changes, n, "changes")
-        make = partial(_simulation, self.scenario, each, start, KeptParts(on_disk=True))
+        make = partial(_simulation, self.scenario, each, start, kept)
         self._workers: Workers[Simulation] = Workers(make, n, workers)
         self._failed: dict[int, Exception] = {}
         self.measure()

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.app import ended_run
 from cosim.app.payload import interpolated_rows, payload_rows
-from cosim.app.preparation import build_simulation, log, prepared
+from cosim.app.preparation import build_simulation, log
 from cosim.base.cubic_spline import CubicSpline
 from cosim.base.frames import Array, IntArray
 from cosim.config.loading import load_scenario
@@ -61,7 +61,7 @@ def plan_path(
         wanted = [_phase_of(checked, phase)]
     elif phase is not None:
         raise InputError(f"{checked.name}: give a phase ({phase!r}) or whole=True, not both")
-    run = build_simulation(prepared(checked, log))
+    run = build_simulation(checked, tell=log)
     if not run.stage.joint_names:
         raise InputError(f"{checked.name}: has no arm, so there are no joints to write")
     phases = [entry for entry in run.plan.phases if entry.phase.name in wanted]

@@ -1,4 +1,4 @@
-"""Prepares a run: section models, compiled kernels, the simulation itself."""
+"""Prepares runs: compiled kernels, section models, the simulation itself."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ import logging
 import sys
 from collections.abc import Callable
 from copy import deepcopy
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cosim.base.kept_parts import KeptParts
 from cosim.config.schema.scenario import Scenario
-from cosim.config.several_arms import ArmsScenario, of_arm
 
 if TYPE_CHECKING:
     from cosim.build.given_body import AnyBody, NamedBody
@@ -31,8 +29,8 @@ def build_simulation(scenario: Scenario, *given: Any, **further: Any) -> Stepped
     return simulation.build(scenario, *given, **further)
 
 
-def prepared(scenario: Scenario, tell: Callable[[str], None], *, kept: KeptParts | None = None) -> Scenario:
-    """Return the scenario; its section model, if it needs one, is built when this returns.
+def build_section_model(scenario: Scenario, tell: Callable[[str], None], kept: KeptParts) -> None:
+    """Build the section model of a scenario, if it needs one, so that runs after it find it on disk.
 
     Args:
         scenario: checked.
@@ -42,17 +40,7 @@ def prepared(scenario: Scenario, tell: Callable[[str], None], *, kept: KeptParts
     if scenario.fidelity == "section":
         from cosim.build.soft_model import SoftModel  # here: few runs build one
 
-        SoftModel(scenario, KeptParts() if kept is None else kept, tell=tell)
-    return scenario
-
-
-def prepared_arms(scenario: ArmsScenario, tell: Callable[[str], None], *, kept: KeptParts) -> ArmsScenario:
-    """Return the scenario; the section model of each arm is built when this returns."""
-    arms = dict[str, Scenario]()
-    for name, one in scenario.arms.items():
-        with of_arm(name):
-            arms[name] = prepared(one, tell, kept=kept)
-    return replace(scenario, arms=arms)
+        SoftModel(scenario, kept, tell=tell)
 
 
 def warm_up() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 
 from cosim.app.joint_paths import joint_heads
-from cosim.app.preparation import build_simulation, log, prepared
+from cosim.app.preparation import build_simulation, log
 from cosim.base.frames import Array, Mask
 from cosim.config.loading import load_scenario
 from cosim.config.schema.scenario import Scenario
@@ -143,8 +143,8 @@ def replay(
         SolverError: the physics could not be solved.
     """
     rows = _from_zero(table if isinstance(table, JointTable) else JointTable.read(table))
-    checked = prepared(load_scenario(scenario, {**(overrides or {}), "phase": []}), log)
-    run = build_simulation(checked)
+    checked = load_scenario(scenario, {**(overrides or {}), "phase": []})
+    run = build_simulation(checked, tell=log)
     stage, tick_s = run.stage, run.stage.tick_s
     if rows.joint_names != stage.joint_names:
         raise InputError(

@@ -129,8 +129,7 @@ class Simulation:
         start: SavedState | str | Path | None,
     ) -> None:
         """Build a scenario and restore its start."""
-        loaded = load_scenario(scenario, overrides, self._body and self._body.table())
-        self.scenario = preparation.prepared(loaded, preparation.log, kept=self._kept)
+        self.scenario = load_scenario(scenario, overrides, self._body and self._body.table())
         before = start._run.choices if isinstance(start, SavedState) else None
         self._run = self._built(before)
         if start is None:

@@ -144,9 +144,11 @@ def warm_up_command(names: Sequence[str]) -> int:
     for name in names:
         kept = kept_parts.KeptParts(on_disk=True)
         if several_arms.has_arms(name):
-            preparation.prepared_arms(several_arms.load_arms(name), tell, kept=kept)
+            for arm, scenario in several_arms.load_arms(name).arms.items():
+                with several_arms.of_arm(arm):
+                    preparation.build_section_model(scenario, tell, kept)
         else:
-            preparation.prepared(loading.load_scenario(name), tell, kept=kept)
+            preparation.build_section_model(loading.load_scenario(name), tell, kept)
         tell(f"{name}: ready to run")
     return 0
 
@@ -163,8 +165,6 @@ def _run_arms(scenario: several_arms.ArmsScenario, out: Path | None, how: RunOpt
     if not how.quiet:
         _tell_begin(scenario.title, [arm.robot for arm in scenario.arms.values()])
     report = _ignore if how.quiet else line.tell
-    with logged_to(report):
-        scenario = preparation.prepared_arms(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
         watchers: dict[str, list[Observer]] = {
             name: [] if how.quiet else [PlanWarnings(sys.stderr)] for name in scenario.arms
@@ -226,8 +226,6 @@ def _execute(scenario: Scenario, directory: Path, how: RunOptions, *, resume: bo
     line = TerminalLine(sys.stderr, how.started)
     report = _ignore if how.quiet else line.tell
     kept = kept_parts.KeptParts(on_disk=True)
-    with logged_to(report):
-        scenario = preparation.prepared(scenario, report, kept=kept)
     with logged_to(report), Interruption() as interruption:
         shown: list[Observer] = [] if how.quiet else [PlanWarnings(sys.stderr), line]
         watchers: list[Observer] = [interruption, *how.watchers, *shown]

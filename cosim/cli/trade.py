@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from cosim.app.output_directory import OutputDirectory
-from cosim.app.preparation import prepared, warm_up
+from cosim.app.preparation import warm_up
 from cosim.cli.screen import printable, tell
 from cosim.config import loading, rules
 from cosim.config.toml.reading import parse_assignment
@@ -40,7 +40,6 @@ def trade_command(options: argparse.Namespace, progress: Tell) -> int:
         scenario, quick=options.quick, time_scale=options.scale_time, truth=options.against, slowest=slowest
     )
     with OutputDirectory(options.out or Path("runs", f"trade_{Path(options.scenario).stem}")) as directory:
-        prepared(scenario, tell)
         warm_up()
         results = trade.measure(scenario, candidates, directory, Engine(workers=1), options.modules, progress)
         table = trade_report.markdown(scenario.title, results)

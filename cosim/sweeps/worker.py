@@ -36,7 +36,7 @@ def run_task(task: Task) -> Row:
             try:
                 scenario = _unpacked(task)
                 wall, cpu = time.perf_counter(), time.thread_time()
-                row = _run(preparation.prepared(scenario, _ignore), task)
+                row = _run(scenario, task)
             except InputError as error:
                 row = Row("refused", reason_of(error))
             except Exception as error:  # no error of a design may end the sweep
@@ -93,7 +93,3 @@ def _import_modules(modules: tuple[str, ...]) -> None:
     plugins.register_installed()
     for name in modules:
         plugins.register_module(name)
-
-
-def _ignore(_text: str) -> None:
-    """Do nothing; the process that started the sweep has already shown such messages."""
