@@ -11,6 +11,7 @@ from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.phase import CELL_KEYS
 from cosim.config.schema.scenario import Scenario
 from cosim.coupling.robots.soft_robot import SoftRobot
+from cosim.plan.commands import SoftCommand
 from cosim.plan.decision import CONTACT, CONTACT_ENABLED, ONLY_IN_REACH, Decision
 from cosim.plan.film_reach import FlangeTravel, film_reach, flange_travel, within_reach
 from cosim.plan.plan import Plan
@@ -81,8 +82,12 @@ def _unknown_reach(scenario: Scenario) -> str:
 
 def largest_pressure(plan: Plan) -> float:
     """Return the largest gauge pressure [Pa] of a chamber in a plan, at least 0."""
-    commands = [plan.command, *(end for phase in plan.phases for end in (phase.begin, phase.end))]
-    return max(0.0, *(pressure for command in commands for pressure in command.pressure_Pa))
+    return max(0.0, *(pressure for command in _commands(plan) for pressure in command.pressure_Pa))
+
+
+def _commands(plan: Plan) -> list[SoftCommand]:
+    """Return the commands of a plan's start, and at begin and end of each phase."""
+    return [plan.command, *(end for phase in plan.phases for end in (phase.begin, phase.end))]
 
 
 def decisions(
@@ -181,9 +186,8 @@ def _cables(scenario: Scenario, body: SoftBody, plan: Plan) -> Decision:
         return Decision(what, False, "the soft robot has none", _of_robot(scenario, "cable"))
     if scenario.fidelity == "rigid":
         return Decision(what, False, "they do not move a rigid body", "fidelity")
-    commands = [plan.command, *(end for phase in plan.phases for end in (phase.begin, phase.end))]
     driven = scenario.winches or scenario.controllers or scenario.commands or scenario.endless
-    if any(any(command.cable_tension_N) for command in commands) or driven:
+    if any(any(command.cable_tension_N) for command in _commands(plan)) or driven:
         one_way = [cable for cable in body.cables if not cable.directed]
         loses = any(cable.loss_factor < 1.0 or cable.friction_coefficient > 0.0 for cable in one_way)
         given_back = "; a release gives back what a pull has lost (losses of cables)" if loses else ""

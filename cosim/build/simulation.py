@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeAlias, final
+from typing import TYPE_CHECKING, final
 
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.build import options
@@ -45,7 +45,24 @@ if TYPE_CHECKING:
     from cosim.stepping.host_carrier import HostCarrier
 
 
-_Arranged: TypeAlias = tuple[Plan, Carrier, tuple[Decision, ...], arm_limits.PlannedArm | None, "Arm | None"]
+@final
+@dataclass(frozen=True)
+class _Arranged:
+    """A planned run, with the carrier of its flange.
+
+    Args:
+        plan: of the run.
+        carrier: of the flange.
+        modelled: decisions on the effects that the run models.
+        planned_arm: planned motion of the arm; None without an arm.
+        arm: of Pinocchio; None without an arm.
+    """
+
+    plan: Plan
+    carrier: Carrier
+    modelled: tuple[Decision, ...]
+    planned_arm: arm_limits.PlannedArm | None = None
+    arm: Arm | None = None
 
 
 def build(
@@ -111,8 +128,8 @@ def build_arms(
     for name, one in all_planned.items():
         rest = [each for each in all_planned.values() if each is not one]
         with several_arms.of_arm(name):
-            plan, carrier, modelled, planned, arm = _carried(one, None, SharedArm, rest)
-            arranged = plan, carrier, (*modelled, OTHER_FILMS), planned, arm
+            arranged = _carried(one, None, SharedArm, rest)
+            arranged = replace(arranged, modelled=(*arranged.modelled, OTHER_FILMS))
         actuation = Actuation(one.scenario, one.soft.body, None)
         runs[name] = DynamicSimulation(*_joined(one.scenario, one.model, one.soft, actuation, arranged))
     for run in runs.values():  # the scene that all share shows every arm at its start
@@ -124,11 +141,10 @@ def _joined(
     scenario: Scenario, model: SoftModel, soft: SoftRobot, actuation: Actuation, arranged: _Arranged
 ) -> tuple[Parts, RunInfo]:
     """Return the parts of a run, and its constant data."""
-    plan, carrier, modelled, planned, arm = arranged
-    commands = _steered(scenario, plan, soft, actuation, _bounds(model, plan, modelled, arm))
+    commands = _steered(scenario, arranged.plan, soft, actuation, _bounds(model, arranged))
     rest = partial(brought_to_rest, model.kept, model.name, soft)
-    parts = Parts(scenario, plan, carrier, soft, commands, rest)
-    return parts, stage_of(parts, modelled, planned, model.section)
+    parts = Parts(scenario, arranged.plan, arranged.carrier, soft, commands, rest)
+    return parts, stage_of(parts, arranged.modelled, arranged.planned_arm, model.section)
 
 
 def build_hosted(scenario: Scenario, model: SoftModel, scene: HostScene) -> tuple[HostCarrier, Parts]:
@@ -169,7 +185,7 @@ def _held_base(scenario: Scenario, model: SoftModel, soft: SoftRobot) -> _Arrang
     contact = Decision(CONTACT, False, "there is nothing to touch", "robot")
     modelled = decisions(scenario, soft.body, plan, contact, None)
     modelled += _range(scenario, plan, model, None, "", touched=False)
-    return plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled, None, None
+    return _Arranged(plan, HeldBase(soft, plan.start, scenario.clock.tick_s), modelled)
 
 
 def _arm(scenario: Scenario, model: SoftModel, soft: SoftRobot, before: Choices | None) -> _Arranged:
@@ -244,17 +260,17 @@ def _carried(
     modelled = decisions(scenario, soft.body, plan, contact, travel) + finer_steps(scenario, scene)
     way = parts.motion_name(plan)
     modelled += _range(scenario, plan, model, arm, way, touched=contact.included)
-    return plan, carrier, modelled, asked, arm
+    return _Arranged(plan, carrier, modelled, asked, arm)
 
 
-def _bounds(model: SoftModel, plan: Plan, modelled: tuple[Decision, ...], arm: Arm | None) -> LiveBounds:
-    contact = next(decision for decision in modelled if decision.what == CONTACT)
+def _bounds(model: SoftModel, arranged: _Arranged) -> LiveBounds:
+    contact = next(decision for decision in arranged.modelled if decision.what == CONTACT)
     unreached = not contact.included and contact.switch == ONLY_IN_REACH
     return LiveBounds(
-        arm,
-        None if arm is None else arm_limits.ArmLimits.of(arm),
+        arranged.arm,
+        None if arranged.arm is None else arm_limits.ArmLimits.of(arranged.arm),
         model.largest_pressure_Pa,
-        largest_pressure(plan) if unreached else None,
+        largest_pressure(arranged.plan) if unreached else None,
     )
 
 
