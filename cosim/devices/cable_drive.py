@@ -10,7 +10,7 @@ from typing import final
 
 from cosim.base.frames import Array
 from cosim.config.schema.devices import WinchTable
-from cosim.devices.orders import Order, end_of
+from cosim.devices.orders import Order
 from cosim.devices.winch import WinchState
 from cosim.soft.elements.cable import Cable, base_tension, step_spring, stretch_at
 
@@ -122,11 +122,11 @@ class CableDrive:
         stretch = max(self.cable.length(positions) - self.off_drum_m(positions), 0.0)
         self.state = replace(self.state, stretch_m=stretch)
         if commanded is not None:
-            state, wanted = self._prepared(commanded, positions), commanded[1]
+            state, wanted = self._prepared(commanded, positions), commanded.value
             state = replace(state, begin=wanted)
         else:
             state = self._prepared(order, positions)
-            end = end_of(order, state.begin)
+            end = state.begin if order is None else order.end(state.begin)
             wanted = end if load_factor >= 1.0 else state.begin + load_factor * (end - state.begin)
         state = replace(state, wanted=wanted)
         if state.length_m is not None and state.winch is None:
@@ -135,9 +135,9 @@ class CableDrive:
 
     def _prepared(self, order: Order | None, positions: Array) -> CableDriveState:
         """Return the state for the kind of a command, with the present tension."""
-        if order is None or (order[0] == "tension") == (self.state.length_m is None):
+        if order is None or (order.kind == "tension") == (self.state.length_m is None):
             return self.state
-        if order[0] == "tension":
+        if order.kind == "tension":
             tension = self.tension_N(positions)
             return replace(self.state, begin=tension, wanted=tension, length_m=None, winch=None)
         length = self.unstretched_m(positions)

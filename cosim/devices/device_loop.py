@@ -139,7 +139,8 @@ class Actuation:
         gas: ChamberGas,
         soft: SoftRobot,
         see: Callable[[], RobotState],
-        reached: tuple[int, float],
+        done: int,
+        load_factor: float,
     ) -> tuple[float, ...] | None:
         """Update controllers, pumps and winches for one tick, from the state at its start.
 
@@ -151,12 +152,12 @@ class Actuation:
             gas: in the chambers; pumps change it.
             soft: soft side.
             see: returns the state of the rest of the robot.
-            reached: ticks of the phase, and load factor of its ramp, at the end of the tick.
+            done: ticks of the phase at the end of the tick.
+            load_factor: of the phase's ramp, 0 to 1, at the end of the tick.
         """
         if not self.active:
             return None
         self._take_over(planned)
-        done, load_factor = reached
         twist: tuple[float, ...] | None = None
         commanded: list[Order | None] = [None] * len(self.cables)
         given = planned.phase.pump_pressure_Pa or {}
@@ -165,8 +166,10 @@ class Actuation:
         for name in self._setpoints:
             held = self._ask(name, partial(self._measure, gas, soft, see, name, wanted))
             for k, (tension, length) in enumerate(zip(held.tension_N, held.length_m, strict=True)):
-                order: Order | None = None if tension is None else ("tension", tension)
-                commanded[k] = order or (commanded[k] if length is None else ("length", length))
+                if tension is not None:
+                    commanded[k] = Order("tension", tension)
+                elif length is not None:
+                    commanded[k] = Order("length", length)
             pressures = over(held.pump_pressure_Pa, pressures)
             twist = twist if held.flange_twist is None else held.flange_twist
         if self.live is not None:

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, final
+from typing import Literal, NamedTuple, final
 
 from cosim.config.schema.phase import PhaseTable
 
-Order: TypeAlias = tuple[Literal["tension", "length", "shortening"], float]
-"""Command to a cable: its kind, and its value at the end of a ramp [N or m]."""
 
+class Order(NamedTuple):
+    """Command to a cable.
 
-def end_of(order: Order | None, begin: float) -> float:
-    """Return the tension [N] or length [m] at the end of a ramp."""
-    if order is None:
-        return begin
-    return begin - order[1] if order[0] == "shortening" else order[1]
+    Args:
+        kind: of the value.
+        value: at the end of a ramp [N or m].
+    """
+
+    kind: Literal["tension", "length", "shortening"]
+    value: float
+
+    def end(self, begin: float) -> float:
+        """Return the tension [N] or length [m] at the end of a ramp."""
+        return begin - self.value if self.kind == "shortening" else self.value
 
 
 @final
@@ -44,12 +50,12 @@ def orders_of(
     """
     target = phase.tip_target
     if phase.cable_tension_N is not None or (target is not None and target.reach_with == "cables"):
-        return [("tension", tension) for tension in end_tension_N]
+        return [Order("tension", tension) for tension in end_tension_N]
     lengths, shortenings = phase.cable_length_m or {}, phase.cable_shortening_m or {}
     orders: list[Order | None] = []
     for name in names:
         if name in lengths:
-            orders.append(("length", lengths[name]))
+            orders.append(Order("length", lengths[name]))
         else:
-            orders.append(("shortening", shortenings[name]) if name in shortenings else None)
+            orders.append(Order("shortening", shortenings[name]) if name in shortenings else None)
     return orders

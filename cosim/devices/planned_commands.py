@@ -52,7 +52,7 @@ class PlannedCommands(command_source.CommandSource):
         planned, (joints, load_factor) = references.planned, references.at(step.done)
         self.gas.advance(self._soft, step.length_s)
         if self.actuation.active:
-            twist = self.actuation.act(planned, self.gas, self._soft, see, (step.done, load_factor))
+            twist = self.actuation.act(planned, self.gas, self._soft, see, step.done, load_factor)
             joints = self._offset.moved(joints, twist, see, step.length_s)
         asked = self.gas.between(planned.begin, planned.end, load_factor)
         return RobotCommand(joints, self.actuation.driven(asked))

@@ -34,7 +34,7 @@ def crept(tick_s: float) -> float:
     """Return by how much [m] a cable between held plates has crept 0.3 s after 10 N are commanded."""
     cable = drive(tick_s)
     for _ in range(round(0.3 / tick_s)):
-        cable.move(None, 1.0, ("tension", 10.0), STRAIGHT)
+        cable.move(None, 1.0, Order("tension", 10.0), STRAIGHT)
     return LENGTH_m - cable.off_drum_m(STRAIGHT)
 
 
@@ -44,7 +44,7 @@ def test_under_a_commanded_tension_the_drum_takes_up_the_creep() -> None:
     assert abs(errors[0]) < 0.02 * exact
     assert errors[1] == pytest.approx(0.5 * errors[0], rel=0.05)  # of first order in the tick
     statics = drive(math.inf)
-    statics.move(None, 1.0, ("tension", 10.0), STRAIGHT)
+    statics.move(None, 1.0, Order("tension", 10.0), STRAIGHT)
     assert LENGTH_m - statics.off_drum_m(STRAIGHT) == pytest.approx(10.0 / K_N_m, rel=1e-12)
 
 
@@ -53,22 +53,22 @@ def test_wound_at_a_speed_a_cable_between_plates_carries_its_stretch_and_its_rat
     cable, speed, tick_s = drive(0.004, loss_factor), 0.01, 0.004
     begin = cable.off_drum_m(STRAIGHT)
     for k in range(1, 51):
-        cable.move(None, 1.0, ("length", begin - speed * k * tick_s), STRAIGHT)
+        cable.move(None, 1.0, Order("length", begin - speed * k * tick_s), STRAIGHT)
         if k > 1:  # in the first one it gets taut
             wound = LENGTH_m - begin + speed * k * tick_s
             assert cable.tension_N(STRAIGHT) == pytest.approx(K_N_m * wound + C_Ns_m * speed, rel=1e-9)
-    order: Order = ("length", begin - speed * 50 * tick_s)
+    order = Order("length", begin - speed * 50 * tick_s)
     cable.move(None, 1.0, order, STRAIGHT)  # held: it carries its stretch alone
-    assert cable.tension_N(STRAIGHT) == pytest.approx(K_N_m * (LENGTH_m - order[1]), rel=1e-9)
+    assert cable.tension_N(STRAIGHT) == pytest.approx(K_N_m * (LENGTH_m - order.value), rel=1e-9)
     before = cable.tension_N(STRAIGHT)
-    cable.begin(("tension", 1.0), STRAIGHT)
+    cable.begin(Order("tension", 1.0), STRAIGHT)
     assert cable.tension_N(STRAIGHT) == before  # a change of what is commanded pulls by nothing
 
 
 def test_a_slack_cable_has_no_rate() -> None:
     cable = drive(0.004)
-    cable.move(None, 1.0, ("length", LENGTH_m + 0.01), STRAIGHT)
-    cable.move(None, 1.0, ("length", LENGTH_m + 0.001), STRAIGHT)  # wound at 2 m/s, still slack
+    cable.move(None, 1.0, Order("length", LENGTH_m + 0.01), STRAIGHT)
+    cable.move(None, 1.0, Order("length", LENGTH_m + 0.001), STRAIGHT)  # wound at 2 m/s, still slack
     assert cable.tension_N(STRAIGHT) == 0.0
 
 

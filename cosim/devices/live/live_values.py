@@ -114,9 +114,9 @@ class LiveValues:
 
 def _order(tension: float | None, length: float | None, wound: bool, wanted: float | None) -> Order | None:
     if tension is not None:
-        return "tension", tension
+        return Order("tension", tension)
     length = wanted if wound else length
-    return None if length is None else ("length", length)
+    return None if length is None else Order("length", length)
 
 
 def _unless(instead: _Values, values: _Values) -> _Values:
