@@ -47,20 +47,20 @@ def episodes(
         environment = gymnasium.make(name, fidelity=fidelity, **given)
     except gymnasium.error.UnregisteredEnv as error:
         raise InputError(str(error)) from error
-    for k in range(count):
-        seen, info = environment.reset(seed=seed + k)
-        total, ended = 0.0, False
-        while not ended:
-            action = np.asarray(policy(seen), dtype=np.float32)
-            if action.shape != environment.action_space.shape:
-                raise InputError(
-                    f"the policy's action has the shape {action.shape}; {name} needs "
-                    f"{environment.action_space.shape}"
-                )
-            seen, reward, terminated, truncated, info = environment.step(action)
-            total, ended = total + float(reward), terminated or truncated
-        yield Episode(total, bool(info["is_success"]), str(info.get("failure", "")))
-    environment.close()
+    with environment:
+        for k in range(count):
+            seen, info = environment.reset(seed=seed + k)
+            total, ended = 0.0, False
+            while not ended:
+                action = np.asarray(policy(seen), dtype=np.float32)
+                if action.shape != environment.action_space.shape:
+                    raise InputError(
+                        f"the policy's action has the shape {action.shape}; {name} needs "
+                        f"{environment.action_space.shape}"
+                    )
+                seen, reward, terminated, truncated, info = environment.step(action)
+                total, ended = total + float(reward), terminated or truncated
+            yield Episode(total, bool(info["is_success"]), str(info.get("failure", "")))
 
 
 @final

@@ -9,6 +9,7 @@ import numpy as np
 
 from cosim.base.frames import Array
 from cosim.devices.controller import Command, Measurement
+from cosim.errors import InputError
 
 STEP_S: Final = 0.02
 """Length of an environment's step: 50 Hz."""
@@ -77,11 +78,19 @@ class LearningTask(ABC):
 
 
 def task_of(path: str) -> LearningTask:
-    """Return the task of a class, "module:Class"."""
+    """Return the task of a class, "module:Class".
+
+    Raises:
+        InputError: there is no such class, or it is not one of tasks.
+    """
     module, _, name = path.partition(":")
-    task = getattr(import_module(module), name)()
-    assert isinstance(task, LearningTask), f"{path} is no task"
-    return task
+    try:
+        kind = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"task '{path}': {error}; give module:Class") from error
+    if not (isinstance(kind, type) and issubclass(kind, LearningTask)):
+        raise InputError(f"task '{path}': is no subclass of cosim.gym.tasks.LearningTask")
+    return kind()
 
 
 def robot_observation(seen: Measurement) -> Array:

@@ -382,6 +382,18 @@ def test_policies_are_functions_or_weights(tmp_path: Path, monkeypatch: pytest.M
             policy_of(given)
 
 
+@pytest.mark.parametrize(
+    ("task", "text"),
+    [
+        ("cosim.gym.no_such:Task", "No module named"), ("cosim.gym.tasks:Tasks", "no attribute 'Tasks'"),
+        ("cosim.gym.arm_tasks:np", "no subclass of"), ("", "give module:Class"),
+    ],
+)  # fmt: skip
+def test_a_task_that_is_none_is_refused(task: str, text: str) -> None:
+    with pytest.raises(InputError, match=rf"^task '{task}': .*{text}"):
+        gymnasium.make(ARMS[0], task=task)
+
+
 def test_a_replay_says_what_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list(cosim.gym.ENVIRONMENTS) == [*ARMS, "cosim/GraspLift-v0"]
     assert main(["replay", "nothing.npz", "--fidelity", "lumped"]) == 2
