@@ -80,12 +80,16 @@ def check_states(parts: Any, states: Any, place: str, sizes: dict[str, int]) -> 
         InputError: they are of other parts, or a state is of another kind or size.
     """
     if isinstance(parts, Mapping):
-        if not isinstance(states, Mapping) or states.keys() != parts.keys():
-            raise InputError(f"{place} has {', '.join(states)}, here it has {', '.join(parts)}")
+        if not isinstance(states, Mapping):
+            raise InputError(f"{place} is a {type(states).__name__}, not a table of {', '.join(parts)}")
+        if states.keys() != parts.keys():
+            raise InputError(f"{place} has {', '.join(map(str, states))}, here it has {', '.join(parts)}")
         for name, part in parts.items():
             check_states(part, states[name], f"{place}.{name}", sizes)
     elif isinstance(parts, tuple | list):
-        if not isinstance(states, tuple) or len(states) != len(parts):
+        if not isinstance(states, tuple):
+            raise InputError(f"{place} is a {type(states).__name__}, not {len(parts)} entries")
+        if len(states) != len(parts):
             raise InputError(f"{place} has {len(states)} entries, here it has {len(parts)}")
         for k, part in enumerate(parts):
             check_states(part, states[k], f"{place}[{k}]", sizes)
@@ -215,7 +219,7 @@ class _StatePlace:
             raise InputError(f"{self._name} has shape {shape}, not {wanted}")
 
     def _count(self, size: int | str, found: int, present: int | None) -> int:
-        """Return the count that a size of an annotation stands for."""
+        """Return the count that a size of an annotation means."""
         if isinstance(size, int):
             return size
         if size == "*":

@@ -107,6 +107,8 @@ def test_parts_are_saved_and_restored_by_name() -> None:
         ({"gas": 1.0}, "state has gas, here it has gas, drives"),
         ({"gas": 1.0, "drives": (1.0,)}, "state.drives has 1 entries, here it has 2"),
         ({"gas": 1.0, "drives": (1.0, 2.0, 3.0)}, "state.drives has 3 entries, here it has 2"),
+        (None, "state is a NoneType, not a table of gas, drives"),
+        ({"gas": 1.0, "drives": 2.0}, "state.drives is a float, not 2 entries"),
         ({"gas": 1.0, "drives": (1.0, "a")}, r"state.drives\[1\] is a str, not a float"),
     ],
 )
