@@ -52,7 +52,8 @@ def export_command(
         target.make()
         for kind in EXPORTS:
             if kind in wanted:
-                _tell(*EXPORTS[kind](result, target, times_s))
+                path, more = EXPORTS[kind](result, target, times_s)
+                print(printable(f"{path}{more}"))
 
 
 def _export_csv(result: RunResult, target: OutputDirectory, _: Sequence[float]) -> tuple[Path, str]:
@@ -94,7 +95,3 @@ EXPORTS: Final = {
     "csv": _export_csv, "vtk": _export_film, "plot": _export_plot, "bag": _export_bag, "usd": _export_usd,
 }  # fmt: skip
 """The writer of each option of `cosim export`."""
-
-
-def _tell(path: Path, more: str) -> None:
-    print(printable(f"{path}{more}"))

@@ -15,12 +15,26 @@ from cosim.config.json_schema import Kind, json_schema
 from cosim.errors import InputError
 
 SCHEMA_FILE: Final = "cosim-scenario.schema.json"
+_LONGEST_NAME: Final = 64
 _STARTING_SCENARIO: Final = Path(__file__).with_name("starting_scenario.toml")
 
 
 def schema_text(kind: Kind) -> str:
     """Return the JSON Schema of a kind of files, as a text."""
     return json.dumps(json_schema(kind), indent=2, ensure_ascii=False) + "\n"
+
+
+def check_new_name(name: str, longest: int) -> None:
+    """Check the name of a scenario that is written as NAME.toml.
+
+    Raises:
+        InputError: it has other characters, or is longer than `longest`.
+    """
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_-]*", name) or len(name) > longest:
+        raise InputError(
+            f"new {name!r}: give a letter followed by letters, digits, '_' or '-', {longest} characters at "
+            "most, without .toml"
+        )
 
 
 def new_command(name: str) -> None:
@@ -33,19 +47,16 @@ def new_command(name: str) -> None:
         InputError: the name is invalid, or a file of that name exists.
         OutputError: a file cannot be written.
     """
-    if not re.fullmatch("[A-Za-z][A-Za-z0-9_-]{0,63}", name):
-        raise InputError(
-            f"new {name!r}: give a letter followed by letters, digits, '_' or '-', without .toml"
-        )
+    check_new_name(name, _LONGEST_NAME)
     path, schema, text = Path(f"{name}.toml"), Path(SCHEMA_FILE), schema_text("scenario")
     if path.exists():
-        raise InputError(f"new {name}: {path} is there and is not overwritten")
-    if schema.exists() and schema.read_text(encoding="utf-8") != text:
+        raise InputError(f"new {name}: {path} is there and is not overwritten; give another name")
+    if schema.exists() and schema.read_bytes() != text.encode():
         raise InputError(f"new {name}: another {schema} is there and is not overwritten; move it away")
     scenario = f"#:schema ./{SCHEMA_FILE}\n{_STARTING_SCENARIO.read_text(encoding='utf-8')}"
-    with writing.writing(path):
-        write_whole(schema, text)
-        write_whole(path, scenario)
+    for file, content in ((schema, text), (path, scenario)):
+        with writing.writing(file):
+            write_whole(file, content)
     print(f"{path} written, with {schema} for editors; run it: cosim run {path}")
 
 

@@ -3,7 +3,6 @@ soft robot that is cut from a drawing.
 """
 
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +13,7 @@ from cosim.base import resources, whole_files, writing
 from cosim.base.drawing import DRAWING_SUFFIXES, Drawing, read_drawing, write_dxf
 from cosim.base.frames import in_mm
 from cosim.build.patterns import cut_pattern
+from cosim.cli.files import check_new_name
 from cosim.cli.screen import printable
 from cosim.config.loading import load_file
 from cosim.config.schema.pattern import PatternSetTable, PatternTable
@@ -23,6 +23,7 @@ from cosim.results.plots import figure_kind
 from cosim.soft.geometry.cut_pattern import CutPattern, FlatFilm, film_area, flat_film
 from cosim.soft.geometry.flat_mesh import LineKind, signed_area, smallest_angles
 
+_LONGEST_NAME: Final = 58  # with _robot
 _BASE_HEIGHT: Final = 0.04  # over the height of the drawing, if it has no layer BASE
 _COLOURS: Final = {
     LineKind.CUT: "black",
@@ -259,10 +260,7 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
         OutputError: a file cannot be written.
     """
     name = drawing.stem if name is None else name
-    if not re.fullmatch("[A-Za-z][A-Za-z0-9_-]{0,57}", name):
-        raise InputError(
-            f"new {name!r}: give a letter followed by letters, digits, '_' or '-', without .toml"
-        )
+    check_new_name(name, _LONGEST_NAME)
     try:
         read = read_drawing(drawing, unit)
         table = _table_of(drawing, read, unit, sealed)
@@ -286,10 +284,10 @@ def new_pattern_command(name: str | None, drawing: Path, unit: Any, sealed: bool
     robot, scenario = Path(f"{name}_robot.toml"), Path(f"{name}.toml")
     for path in (robot, scenario):
         if path.exists():
-            raise InputError(f"new {name}: {path} is there and is not overwritten")
-    with writing.writing(robot):
-        whole_files.write_whole(robot, text)
-        whole_files.write_whole(scenario, SCENARIO.format(name=name))
+            raise InputError(f"new {name}: {path} is there and is not overwritten; give another name")
+    for path, content in ((robot, text), (scenario, SCENARIO.format(name=name))):
+        with writing.writing(path):
+            whole_files.write_whole(path, content)
     print(f"{robot} and {scenario} written; set the film in {robot}, then: cosim run {scenario}")
 
 

@@ -129,13 +129,13 @@ def test_a_new_scenario_runs_as_it_is(tmp_path: Path, monkeypatch: pytest.Monkey
     assert json.loads(Path("out/summary.json").read_text(encoding="utf-8"))["status"] == "completed"
 
 
-@pytest.mark.parametrize("name", ["../mine", "mine.toml", "", "a b", "-"])
+@pytest.mark.parametrize("name", ["../mine", "mine.toml", "", "a b", "-", 65 * "a"])
 def test_a_name_that_is_none_is_refused(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["new", name]) == 2
-    assert "give a letter" in capsys.readouterr().err
+    assert "give a letter followed by letters, digits, '_' or '-', 64 characters" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -144,8 +144,8 @@ def test_nothing_is_overwritten(
     there: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path(there).write_text("precious")
+    Path(there).write_bytes("kostbar: größer".encode("latin-1"))
     assert main(["new", "mine"]) == 2
     assert "is not overwritten" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [there]
-    assert Path(there).read_text() == "precious"
+    assert Path(there).read_bytes() == "kostbar: größer".encode("latin-1")
