@@ -231,10 +231,5 @@ def test_no_reader_of_a_scenarios_files_opens_them_itself() -> None:
     }
     # what is rewritten, heads of files that are noted, figures that come with the code
     heads = {"rigid/build/urdf_arm.py", "rigid/build/mjcf_files.py"}
-    known = {
-        "config/upgrading.py",
-        "build/expected_error.py",
-        "config/benches.py",
-        "devices/live/streams.py",
-    } | heads  # benches are no scenarios
+    known = {"config/upgrading.py", "build/expected_error.py", "devices/live/streams.py"} | heads
     assert found == known
