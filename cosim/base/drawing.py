@@ -6,6 +6,7 @@ file a layer is a group or line whose label or id is the layer's name, or the co
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -71,12 +72,12 @@ class DrawnLine:
 @final
 @dataclass(frozen=True)
 class Drawing:
-    """What a file draws.
+    """The lines of a drawing.
 
     Args:
         layers: lines by the names of their layers, in capitals.
         unit: of the file's numbers.
-        left_out: what of the file is no line, in words.
+        left_out: text on everything in the file that is no line.
     """
 
     layers: Mapping[str, tuple[DrawnLine, ...]]
@@ -144,7 +145,7 @@ def _checked_unit(path: Path, stated: str | None, given: str | None) -> str:
         )
     if stated is not None and given is not None and stated != given:
         raise MeshError(
-            f"{path.name}: is in {stated}, body.unit says {given}: take away body.unit, or mend the file"
+            f"{path.name}: is in {stated}, body.unit says {given}: remove body.unit, or change the file"
         )
     return stated or given or ""
 
@@ -163,23 +164,27 @@ def _read_dxf(path: Path, given: str | None) -> Drawing:
         )
     unit = _checked_unit(path, _DXF_UNITS.get(code), given)
     layers: dict[str, list[DrawnLine]] = {}
-    left_out: dict[str, int] = {}
+    left_out = Counter[str]()
     for layer, entity in _entities(document.modelspace(), None, 0):
         kind = entity.dxftype()
         if kind in _UNDRAWN:
-            left_out[f"{kind} of layer {layer}"] = left_out.get(f"{kind} of layer {layer}", 0) + 1
+            left_out[f"{kind} of layer {layer}"] += 1
             continue
         where = f"{kind} #{entity.dxf.handle or 'in a block'} of layer {layer}"
         for points in _dxf_points(entity, _METRES[unit], where):
             layers.setdefault(layer, []).append(DrawnLine(_METRES[unit] * points, where))
         if sum(map(len, layers.values())) > _MOST_LINES:
-            raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines")
-    told = tuple(f"{count} {what}" for what, count in left_out.items())
-    return Drawing({name: tuple(lines) for name, lines in layers.items()}, unit, told)
+            raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines; draw fewer")
+    return _drawing(layers, unit, left_out)
+
+
+def _drawing(layers: Mapping[str, list[DrawnLine]], unit: str, left_out: Counter[str]) -> Drawing:
+    counts = tuple(f"{count} {what}" for what, count in left_out.items())
+    return Drawing({name: tuple(lines) for name, lines in layers.items()}, unit, counts)
 
 
 def _entities(entities: Any, around: str | None, depth: int) -> Iterator[tuple[str, Any]]:
-    """Yield layer and entity of all that is drawn; what is on layer 0 of a block is on the block's layer."""
+    """Yield the layer and the entity of everything drawn; entities on layer 0 of a block have its layer."""
     if depth > _DEEPEST:
         raise MeshError(f"blocks lie {_DEEPEST} deep within one another; do they hold themselves?")
     for entity in entities:
@@ -247,18 +252,17 @@ def _read_svg(path: Path, given: str | None) -> Drawing:
         metres *= size / float(document.width)
     height = float(document.height or 0.0)  # y leads upwards, from the lower left corner of the page
     layers: dict[str, list[DrawnLine]] = {}
-    left_out: dict[str, int] = {}
+    left_out = Counter[str]()
     for layer, where, element in _svg_shapes(document, None):
         if layer is None:
-            left_out["shapes without a layer"] = left_out.get("shapes without a layer", 0) + 1
+            left_out["shapes without a layer"] += 1
             continue
         for points in _svg_points(element, metres):
             upwards = metres * (points * (1.0, -1.0) + (0.0, height))
             layers.setdefault(layer, []).append(DrawnLine(upwards, f"{where} of layer {layer}"))
         if sum(map(len, layers.values())) > _MOST_LINES:
-            raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines")
-    told = tuple(f"{count} {what}" for what, count in left_out.items())
-    return Drawing({name: tuple(lines) for name, lines in layers.items()}, unit, told)
+            raise MeshError(f"{path.name}: has more than {_MOST_LINES} lines; draw fewer")
+    return _drawing(layers, unit, left_out)
 
 
 def _svg_shapes(group: Any, around: str | None) -> Iterator[tuple[str | None, str, Any]]:
