@@ -1,4 +1,4 @@
-"""What a column of a run is: its name, the shape of a row, unit, meaning, figures and view, said once."""
+"""Columns of a run: name, shape of a row, unit, meaning, figures of the summary, and view."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

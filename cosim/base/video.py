@@ -21,11 +21,11 @@ def encoder() -> str:
 def encoded(
     path: Path, source: Sequence[str], options: Sequence[str] = ("-pix_fmt", "yuv420p")
 ) -> Iterator[Callable[[bytes], object]]:
-    """Give what takes a video's frames; the file is there once all of them are.
+    """Yield a function that writes the bytes of a frame; the video replaces its file at the end of the block.
 
     Args:
         path: of the video.
-        source: options of ffmpeg that say what the frames are.
+        source: options of ffmpeg for the format of the frames.
         options: of the video.
 
     Raises:
@@ -41,7 +41,7 @@ def encoded(
         running = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said)
         assert running.stdin is not None, "a pipe"
         try:
-            with suppress(BrokenPipeError):  # the encoder says why itself
+            with suppress(BrokenPipeError):  # ffmpeg reports why
                 yield running.stdin.write
                 running.stdin.close()
             if running.wait() != 0:

@@ -46,7 +46,7 @@ class PumpReport:
     """A pump at the end of a tick.
 
     Args:
-        setpoint_Pa: None while it does not work.
+        setpoint_Pa: None while the pump is inactive.
         on: whether it runs.
         venting: whether its valve is open.
         starts: so far.
@@ -65,12 +65,12 @@ class PumpReport:
 @final
 @dataclass(frozen=True)
 class ControlReport:
-    """A controller that acts.
+    """An active controller.
 
     Args:
-        name: of it.
-        setpoint: that the phase gives; None for none.
-        measured: what it keeps at the setpoint; None where cosim does not know what that is.
+        name: of the controller.
+        setpoint: of the phase; None: no setpoint.
+        measured: value of the controlled quantity; None for a controller in Python.
     """
 
     name: str
@@ -87,11 +87,11 @@ class ActuationReport(Shown):
         cable_tension_N: (cables,) at the base end.
         cable_length_m: (cables,) of the routes.
         unstretched_m: (cables,) of the cable off the drum; not a number while the tension is commanded.
-        off_drum_m: (cables,) the same; while the tension is commanded, the length by which it is the same.
+        off_drum_m: (cables,) the same; while the tension is commanded, the length that gives this tension.
         lost_steps: (cables,) of the winches.
         bending_angle_rad: between the tip's direction and the flange's z axis.
         pumps: in the order of the scenario.
-        controls: those that act.
+        controls: the active controllers.
     """
 
     cable_tension_N: Annotated[Array, ("cables",)]

@@ -77,7 +77,7 @@ class PlannedCommands(command_source.CommandSource):
         return {"gas": self.gas, **self.actuation.parts(), "offset": self._offset, "sensors": self.sensors}
 
     def _of(self, phase: int) -> TickReferences | IncrementReferences:
-        """Return what a phase asks for, step by step."""
+        """Return the references of a phase, step by step."""
         planned, found = self._plan.phases[phase], self._references
         if found is None or found.planned is not planned:
             tick_s = self._tick_s

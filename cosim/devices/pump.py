@@ -148,7 +148,7 @@ class PumpDrive:
     def __init__(self, pump: Pump, chamber: int) -> None:
         self.name, self.pump, self.chamber = pump.table.name, pump, chamber
         self.state = PumpDriveState()
-        """What the next tick depends on."""
+        """State, on which the next tick depends."""
 
     def begin(self, setpoint_Pa: float | None, pressure_Pa: float) -> None:
         """Begin a phase.

@@ -39,7 +39,12 @@ _ROUNDING: Final = 1e-6  # of a sample's instant, in samples
 
 
 def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[device_report.SensorNames, ...]:
-    """Return the sensors of a scenario, for whoever shows them; `joints` are the names of the arm's."""
+    """Return the names, units and values of a scenario's sensors, for plots and results.
+
+    Args:
+        scenario: checked.
+        joints: names of the arm's joints.
+    """
     named = zip(scenario.sensors, _values(scenario), strict=True)
     return tuple(
         device_report.SensorNames(entry.name, _FIELDS[entry.kind][1].unit, joints if names is None else names)
@@ -48,13 +53,13 @@ def sensor_names(scenario: Scenario, joints: tuple[str, ...]) -> tuple[device_re
 
 
 def _values(scenario: Scenario) -> list[tuple[str, ...] | None]:
-    """Return the names of what each sensor reads; None: of the arm's joints."""
+    """Return the names of each sensor's values; None for a sensor of the arm's joints."""
     robot = scenario.soft_robot
     return [entry.values(robot.chamber_names(), robot.cable_names()) for entry in scenario.sensors]
 
 
 def sensor_report(scenario: Scenario) -> str:
-    """Return in words what the sensors of a scenario are; empty without any."""
+    """Return text on the sensors of a scenario; empty without any."""
     return "; ".join(
         f"{entry.name}, {entry.kind}, noise {_text(entry.noise)}, bias {_text(entry.bias)}, "
         f"{1e3 * entry.delay_s:g} ms late, "
@@ -123,7 +128,7 @@ class Sensor:
         return self._all(seen)[self._places]
 
     def through(self, seen: controller.Measurement, reading: Array) -> controller.Measurement:
-        """Return a measurement with a reading (n,) in place of the truth."""
+        """Return a measurement with a reading (n,) in place of the true values."""
         values, (field, _) = self._all(seen), _FIELDS[self.kind]
         values[self._places] = reading
         given: Any = getattr(seen, field)
@@ -139,7 +144,7 @@ class Sensor:
         return replace(seen, **{field: made})
 
     def begin(self, truth: Array, seed: int) -> SensorState:
-        """Return the state of a sensor that begins, with a first sample that has been seen for long.
+        """Return the state at the start; the first sample counts as older than the delay.
 
         Raises:
             ScenarioError: noise, bias or quantum have another number of entries than there are values.
@@ -153,10 +158,10 @@ class Sensor:
         return SensorState(0, sample, np.tile(sample, (self.delay_ticks, 1)), sample)
 
     def next(self, state: SensorState, truth: Array, seed: int) -> SensorState:
-        """Return the state a tick later.
+        """Return the state one tick later.
 
         Args:
-            state: before.
+            state: at the start of the tick.
             truth: (n,) at the end of the tick.
             seed: of the run.
         """
@@ -191,11 +196,11 @@ class Sensor:
 
 @final
 class Sensors:
-    """The sensors of a run, which read it after every tick.
+    """The sensors of a run; they are read after every tick.
 
     Args:
         scenario: checked.
-        joints: how many the arm has.
+        joints: number of the arm's joints.
     """
 
     def __init__(self, scenario: Scenario, joints: int) -> None:
@@ -208,21 +213,29 @@ class Sensors:
         self._state = SensorsState()
 
     def __bool__(self) -> bool:
-        """Return whether there are any."""
+        """Return whether the run has sensors."""
         return bool(self._sensors)
 
     def begin(self, seen: controller.Measurement, seed: int) -> tuple[Array, Array]:
-        """Begin with what is measured now, and return readings and truth; `seed` is of the run."""
+        """Restart all sensors, and return their readings and true values, see `tick`.
+
+        Args:
+            seen: present measurement, exact.
+            seed: of the run, in addition to those of the sensors.
+        """
         truths = [sensor.truth(seen) for sensor in self._sensors]
         begun = (sensor.begin(truth, seed) for sensor, truth in zip(self._sensors, truths, strict=True))
         self._state = SensorsState(seed, tuple(begun))
         return self._shown(truths)
 
     def tick(self, seen: controller.Measurement) -> tuple[Array, Array]:
-        """Read what is measured at the end of a tick.
+        """Update all sensors at the end of a tick.
+
+        Args:
+            seen: measurement at the end of the tick, exact.
 
         Returns:
-            Readings of all sensors, one after the other, and the truth at the same instant.
+            Readings of all sensors, one after the other, and the true values at the same instant.
         """
         seed, states = self._state.seed, self._state.sensors
         if not states:
@@ -237,16 +250,16 @@ class Sensors:
 
     @property
     def readings(self) -> dict[str, Array]:
-        """What is seen at present, by the names of the sensors; nothing before the first tick."""
+        """Present readings by the names of the sensors; empty before the first tick."""
         pairs = zip(self._sensors, self._state.sensors, strict=False)
         return {sensor.name: read_only(state.reading) for sensor, state in pairs}
 
     def through(self, seen: controller.Measurement, names: Iterable[str]) -> controller.Measurement:
-        """Return a measurement with readings in place of the truth.
+        """Return a measurement with readings in place of true values.
 
         Args:
-            seen: the truth.
-            names: of the sensors that are looked through, the last one first.
+            seen: the measurement, exact.
+            names: of the sensors whose readings are used; of two for one value, the last.
 
         Raises:
             InputError: there is no such sensor.
@@ -260,7 +273,7 @@ class Sensors:
 
     @property
     def state(self) -> SensorsState:
-        """What the next readings depend on; that of sensors with other delays or sizes is refused."""
+        """State of all sensors; setting a state of sensors with other delays or sizes raises InputError."""
         return self._state
 
     @state.setter

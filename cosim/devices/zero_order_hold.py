@@ -68,7 +68,7 @@ class ZeroOrderHold:
         self.name, self.controller, self.period_ticks = name, controller, period_ticks
         self._cables, self._pumps = cables, pumps
         self.state = HoldState()
-        """What the next tick depends on."""
+        """State, on which the next tick depends."""
 
     def start(self, seen: Measurement) -> None:
         """Restart the controller; the next tick calls it."""

@@ -39,11 +39,12 @@ _SENT: Final = b"VvMUOISP"
 @final
 @dataclass(frozen=True)
 class Reading:
-    """What a robot says of itself; what it leaves out is as it was.
+    """Measured values that a robot sends; omitted values are unchanged.
 
     Args:
-        time_s: on the robot's clock, to which the twin advances; None: with the next reading that has one.
-        joint_position: (joints,) [rad], of sliding ones [m].
+        time_s: on the robot's clock, to which the twin advances; None: the values apply with the next reading
+            that has a time.
+        joint_position: (joints,) [rad], of sliding joints [m].
         pressure_Pa: gauge, by chamber name.
         cable_tension_N: by cable name.
         arrived_s: `time.perf_counter()` when it was read here.
@@ -68,34 +69,34 @@ class Stream(ABC):
         self.name, self._number = name, number
         self._held = b""
         self.left_out: Counter[str] = Counter()
-        """What could not be read, in words, with how often."""
+        """Messages on data that could not be read, each with its count."""
 
     def fileno(self) -> int:
         """Return the file descriptor to wait for."""
         return self._number
 
     def read(self) -> list[Reading] | None:
-        """Return the readings that have arrived, once the descriptor can be read; None after its end.
+        """Return the readings that have arrived; None at the end of the stream. Blocks until there is data.
 
         Raises:
-            InputError: what came cannot be understood, or the connection broke.
+            InputError: the data cannot be parsed, or the connection broke.
         """
         try:
-            came = os.read(self._number, _CHUNK)
+            data = os.read(self._number, _CHUNK)
         except OSError as error:
             raise InputError(f"{self.name}: cannot be read: {error.strerror}") from error
-        if not came:
+        if not data:
             rest, self._held = self._held, b""
             return (self._last(rest) or None) if rest.strip() else None
-        self._held += came
-        return self._taken()
+        self._held += data
+        return self._parsed()
 
     @abstractmethod
-    def _taken(self) -> list[Reading]:
-        """Take whole readings out of the bytes that have come."""
+    def _parsed(self) -> list[Reading]:
+        """Return the complete readings in the received bytes, and remove them there."""
 
     def _last(self, rest: bytes) -> list[Reading]:
-        """Return the readings in bytes at the end of the stream that are no whole reading yet."""
+        """Return the readings in the bytes that remain at the end of the stream."""
         self._leave_out(f"the last {len(rest)} bytes are no whole reading")
         return []
 
@@ -111,18 +112,18 @@ class Stream(ABC):
 
 @final
 class LineStream(Stream):
-    """An object of JSON in every line, with some keys of `Reading`; null is as if the key were left out.
+    """A JSON object per line, with some keys of `Reading`; a key with the value null counts as omitted.
 
     The first line may be cut off, and the last one may have no line break.
     """
 
     _begun = False
 
-    def _taken(self) -> list[Reading]:
+    def _parsed(self) -> list[Reading]:
         *lines, self._held = self._held.split(b"\n")
-        return self._taken_lines(lines)
+        return self._parsed_lines(lines)
 
-    def _taken_lines(self, lines: list[bytes]) -> list[Reading]:
+    def _parsed_lines(self, lines: list[bytes]) -> list[Reading]:
         return [reading for line in lines if line.strip() and (reading := self._reading(line)) is not None]
 
     def _last(self, rest: bytes) -> list[Reading]:
@@ -130,7 +131,7 @@ class LineStream(Stream):
             json.loads(rest)
         except (ValueError, RecursionError):
             return super()._last(rest)
-        return self._taken_lines([rest])
+        return self._parsed_lines([rest])
 
     def _reading(self, line: bytes) -> Reading | None:
         first, self._begun = not self._begun, True
@@ -148,7 +149,11 @@ class LineStream(Stream):
 
 
 def _values(found: Any) -> dict[str, Any]:
-    """Return the values of a line that names them; a time may be infinite or not a number."""
+    """Return the values of a line by key; the time may be infinite or NaN.
+
+    Raises:
+        ValueError: a key or value is not allowed.
+    """
     if not isinstance(found, dict) or found.keys() - {*_KEYS}:
         raise ValueError("must be an object with the keys " + ", ".join(_KEYS))
     given = {key: value for key, value in found.items() if value is not None}
@@ -159,7 +164,7 @@ def _values(found: Any) -> dict[str, Any]:
             )
     if "time_s" in given:
         if type(given["time_s"]) not in (int, float):
-            raise ValueError(f"time_s is {shown(given['time_s'])}; must be a finite number")
+            raise ValueError(f"time_s is {shown(given['time_s'])}; must be a number")
         try:
             given["time_s"] = float(given["time_s"])
         except OverflowError:
@@ -169,14 +174,14 @@ def _values(found: Any) -> dict[str, Any]:
 
 @final
 class RtdeStream(Stream):
-    """Time and joints of a UR's controller, 125 times a second; connects when it is made.
+    """Time and joints of a UR's controller, 125 times a second; the constructor connects.
 
     Args:
         host: of the controller.
         port: of it.
 
     Raises:
-        InputError: nobody answers there, or not as RTDE does.
+        InputError: no connection is possible, or the answer is not one of RTDE.
     """
 
     def __init__(self, host: str, port: int = RTDE_PORT) -> None:
@@ -208,7 +213,7 @@ class RtdeStream(Stream):
             raise InputError(f"{self.name}: refuses to start; is another program using all its places?")
 
     def _asked(self, kind: int, payload: bytes) -> bytes:
-        """Return the answer to a request; what else comes meanwhile, such as texts, is passed over."""
+        """Return the answer to a request; packages of other kinds, such as texts, are skipped."""
         self._socket.sendall(struct.pack(">HB", 3 + len(payload), kind) + payload)
         while True:
             size, answered = struct.unpack(">HB", self._exactly(3))
@@ -225,7 +230,7 @@ class RtdeStream(Stream):
             found += part
         return found
 
-    def _taken(self) -> list[Reading]:
+    def _parsed(self) -> list[Reading]:
         found = []
         while len(self._held) >= 3:
             size, kind = struct.unpack_from(">HB", self._held)
@@ -252,13 +257,13 @@ def _connected(host: str, port: int) -> socket.socket:
 
 
 def open_stream(given: str) -> Stream:
-    """Return the stream that a text names.
+    """Return the stream of an address.
 
     Args:
-        given: "rtde:HOST[:PORT]"; or where lines of JSON come from: "tcp:HOST:PORT", "file:PATH", or "-".
+        given: "rtde:HOST[:PORT]"; or a source of JSON lines: "tcp:HOST:PORT", "file:PATH", or "-".
 
     Raises:
-        InputError: it names none, or it cannot be opened.
+        InputError: it is no such address, or it cannot be opened.
     """
     kind, _, place = given.partition(":")
     if given == "-":
@@ -281,7 +286,7 @@ class Streams:
     """Several streams as one: their readings in the order in which they arrive.
 
     Args:
-        late_s: readings that wait are sorted where they are out of order by less than this.
+        late_s: waiting readings that are out of order by less than this are sorted by their times.
     """
 
     def __init__(self, late_s: float = 0.0) -> None:
@@ -291,28 +296,28 @@ class Streams:
         self._waiting: deque[Reading] = deque()
 
     def add(self, stream: Stream) -> None:
-        """Read one more."""
+        """Add a stream."""
         self._all.append(stream)
         self._open.append(stream)
 
     @property
     def waiting(self) -> Sequence[Reading]:
-        """Readings that have arrived and have not been taken."""
+        """Readings that have arrived, and that `next` has not returned yet."""
         return self._waiting
 
     @property
     def left_out(self) -> Counter[str]:
-        """What could not be read of all streams, in words, with how often."""
+        """Messages of all streams on data that could not be read, each with its count."""
         return sum((stream.left_out for stream in self._all), Counter())
 
     def next(self, within_s: float | None = None) -> Reading | None:
-        """Return the next reading; None where all streams have ended, or at the end of a time.
+        """Return the next reading; None if all streams have ended, or none arrives in time.
 
         Args:
-            within_s: how long to wait; None: for ever.
+            within_s: longest time to wait; None: unlimited.
 
         Raises:
-            InputError: a stream sends what cannot be understood.
+            InputError: a stream sends data that cannot be parsed.
         """
         self._gather(0.0)
         while not self._waiting and self._open and self._gather(within_s):
@@ -320,13 +325,13 @@ class Streams:
         return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
-        """Close all."""
+        """Close all streams."""
         for stream in self._open:
             stream.close()
         self._open = []
 
     def _gather(self, within_s: float | None) -> bool:
-        """Take what has arrived, and return whether anything can still come in time."""
+        """Read the streams that have data; return whether any had data or ended within a time."""
         ready = select(self._open, [], [], within_s)[0] if self._open else []
         for stream in ready:
             found = stream.read()
@@ -338,7 +343,7 @@ class Streams:
         return bool(ready)
 
     def _put(self, reading: Reading) -> None:
-        """Let a reading wait behind all others but those that are later by less than `late_s`."""
+        """Add a reading behind all waiting ones, but before those that are later by less than `late_s`."""
         place = len(self._waiting)
         while place and 0.0 < _behind_s(self._waiting[place - 1], reading) < self._late_s:
             place -= 1
@@ -346,7 +351,7 @@ class Streams:
 
 
 def _behind_s(newer: Reading, older: Reading) -> float:
-    """Return by how much the time of a reading is before that of another; not a number where one has none."""
+    """Return the time from an older to a newer reading; NaN if either has no time."""
     if newer.time_s is None or older.time_s is None:
         return math.nan
     return newer.time_s - older.time_s
