@@ -44,27 +44,20 @@ class AddedInertia:
                 "of that body's mass matrix; give the body a child before compiling, or attach to the MjSpec"
             )
         self.on_arm[:] = inertia
-        self.renew()
-
-    def renew(self) -> None:
-        """Recompute and factorise the mass matrix after an edit of the model."""
         mujoco.mj_makeM(self._model, self._data)
-        if self._carries:
-            self._add(self.on_arm)
         mujoco.mj_factorM(self._model, self._data)
+        self.follow()
 
-    def follow(self) -> None:
-        """Add A to a mass matrix that MuJoCo has computed for new positions, and factorise it."""
-        if self._carries:
-            self._add(self.on_arm)
-            mujoco.mj_factorM(self._model, self._data)
+    def follow(self, data: mujoco.MjData | None = None) -> None:
+        """Add A to a mass matrix that MuJoCo has computed for new positions, and factorise it.
 
-    @property
-    def _carries(self) -> bool:
-        return bool(np.count_nonzero(self.on_arm))
-
-    def _add(self, on_arm: Array) -> None:
-        self._data.M[self._entries] += on_arm[self._lower]
+        Args:
+            data: another state of the model; None: that of the scene.
+        """
+        if np.count_nonzero(self.on_arm):
+            state = self._data if data is None else data
+            state.M[self._entries] += self.on_arm[self._lower]
+            mujoco.mj_factorM(self._model, state)
 
 
 def mass_places(model: mujoco.MjModel, mounting: Mounting) -> IntArray:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cosim.base.frames import Array, IntArray, Mask, cross
-from cosim.rigid.scene.added_inertia import AddedInertia, mass_places
+from cosim.rigid.scene.added_inertia import AddedInertia
 from cosim.rigid.scene.arm_layout import Mounting
 from cosim.rigid.scene.load_leaves import power_on_bodies
 from cosim.rigid.scene.mobility import active_constraints, jacobian_of, mobility
@@ -49,8 +49,7 @@ class Bodies:
         self.tree_centers: Array = data.subtree_com
         self.roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
         self.carried = AddedInertia(model, data, mounting)
-        on_arm = self.carried.on_arm, mass_places(model, mounting)
-        self.prediction = PosePrediction(model, data, mounting.body, pace, on_arm)
+        self.prediction = PosePrediction(model, data, mounting.body, pace, self.carried)
 
     @property
     def loaded(self) -> IntArray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernels import unchecked
+from cosim.rigid.scene.added_inertia import AddedInertia
 from cosim.rigid.scene.body_motion import BodyMotions, add_way
 
 _COPIED = "qpos", "qvel", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "ctrl"
@@ -29,20 +30,13 @@ class PosePrediction:
         data: its state.
         flange: index of the body with the flange.
         pace: (2,), see `Bodies`.
-        carried: inertia that is added to the arm's joints (joints, joints) [kg m^2], and the indices of its
-            lower triangle in MuJoCo's mass matrix.
+        carried: inertia that is added to the arm's joints.
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        flange: int,
-        pace: IntArray,
-        carried: tuple[Array, IntArray],
+        self, model: mujoco.MjModel, data: mujoco.MjData, flange: int, pace: IntArray, carried: AddedInertia
     ) -> None:
         self._model, self._data, self._pace, self._carried = model, data, pace, carried
-        self._lower = np.tril_indices(len(carried[0]))
         self._roots: IntArray = np.asarray(model.body_rootid, dtype=np.int64)
         self._flange = flange
         self.motions = self._motions(data)
@@ -101,16 +95,14 @@ class PosePrediction:
         mujoco.mj_comVel(model, data)
 
     def _take_steps(self) -> None:
-        model, there, (inertia, places) = self._model, self._second, self._carried
+        model, there = self._model, self._second
         for then, now in self._copied:
             np.copyto(then, now)
-        step_s, carries = float(model.opt.timestep), np.count_nonzero(inertia)
+        step_s = float(model.opt.timestep)
         self.lead[self.ahead > 0] = 0.0
         for _ in range(self.steps):
             mujoco.mj_step1(model, there)
-            if carries:
-                there.M[places[self._lower]] += inertia[self._lower]
-                mujoco.mj_factorM(model, there)
+            self._carried.follow(there)
             self._aims += step_s * self._speeds
             mujoco.mj_step2(model, there)
             mujoco.mj_comVel(model, there)
