@@ -51,7 +51,7 @@ def test_the_palms_mass_is_mujocos() -> None:
     index = np.array([scene.body_names.index(PALM_NAME)])
     own = palm_mass(PALM)
     assert scene.bodies.masses_kg(index) == pytest.approx([own.mass_kg])
-    in_flange = scene.flange_pose.inverse().apply(scene.bodies.centers(index))[0]
+    in_flange = scene.flange_pose.inverse().apply(scene.bodies.mass_centers[index])[0]
     assert own.center == pytest.approx(in_flange, abs=1e-9)
     assert own.center == pytest.approx([0.0, 0.0, 0.005])  # in front of the flange
     scene.set_control(scene.joint_position, feedforward=scene.bias_torque)

@@ -85,10 +85,6 @@ class Bodies:
         """Return a mask (b,) of the bodies (b,) that loads can move."""
         return np.asarray(self._movable[bodies])
 
-    def centers(self, bodies: IntArray) -> Array:
-        """Return the centres of mass (b, 3) [m], world, of bodies (b,)."""
-        return np.array(self._data.xipos[bodies])
-
     def power_W(self, loads: Array) -> float:
         """Return the power of contacts on bodies.
 
@@ -118,15 +114,6 @@ class Bodies:
         applied[bodies, :3] = force
         applied[bodies, 3:] = torque - cross(self._data.xipos[bodies], force)
         self.loaded = bodies
-
-    def received(self, bodies: IntArray) -> Array:
-        """Return the loads (b, 6) on bodies (b,): force, and torque about the world's origin, world axes.
-
-        They are read back from MuJoCo, so they include loads that others have applied.
-        """
-        loads = np.array(self._data.xfrc_applied[bodies])
-        loads[:, 3:] += cross(self._data.xipos[bodies], loads[:, :3])
-        return loads
 
     def way_s2(self, tick_s: float) -> float:
         """Return the displacement [m] of a body by 1 m/s^2 over a tick of n steps: h^2 (n + 1) / (2 n)."""
