@@ -4,7 +4,7 @@ time t advances the simulation to t, by whole ticks.
 
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
@@ -23,6 +23,8 @@ APPROACH_s: Final = 2.0
 """Simulated time in which the simulation moves evenly to the robot's first reading, before it follows."""
 GAP_s: Final = 0.5
 """Time in which the simulation moves evenly across a longer gap of the robot's clock, or a step back."""
+LATENCIES: Final = 100_000
+"""Largest number of latencies that are kept: a twin may follow for days."""
 _FIRST_s: Final = 10.0
 _ROUNDING: Final = 1e-6
 
@@ -80,8 +82,8 @@ class Twin:
         self._notes: Counter[str] = Counter()
         self._lowest_N: dict[str, float] = {}
         self._newest = Reading()
-        self.latencies_s: list[float] = []
-        """Of all predictions since the simulation caught up with the robot."""
+        self.latencies_s: deque[float] = deque(maxlen=LATENCIES)
+        """Of the last `LATENCIES` predictions since the simulation caught up with the robot."""
         self._caught_up = False
         self._tick_s = self.simulation.stage.tick_s
         self._command = Command()

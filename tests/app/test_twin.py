@@ -174,6 +174,7 @@ def test_the_command_shows_what_it_predicts(
             "pressure_Pa is 30000.0; must be numbers by",
         ),
         ('{"time_s": 0.0}\n' + "[" * 100_000 + "\n", "line b"),
+        ('{"time_s": 0.0}\n' + " " * 1_100_000, "a line is longer than 1000000 bytes; end every reading"),
         ('{"time_s": 0.0}\n{"time_s": ' + "1" * 400 + "}\n", "time_s is beyond the largest number"),
         (
             json.dumps({"time_s": 0.0, "joint_position": [*np.degrees(HOME)]}),

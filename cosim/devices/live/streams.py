@@ -26,6 +26,7 @@ RTDE_PORT: Final = 30004
 RTDE_Hz: Final = 125.0
 _CONNECT_s: Final = 5.0
 _CHUNK: Final = 65536
+_LONGEST_LINE: Final = 1_000_000
 _SHOWN: Final = 80
 _KINDS: Final = "rtde:HOST[:PORT], tcp:HOST:PORT, file:PATH (a serial line too), or - for standard input"
 _KEYS: Final = ("time_s", "joint_position", "pressure_Pa", "cable_tension_N")
@@ -121,6 +122,11 @@ class LineStream(Stream):
 
     def _parsed(self) -> list[Reading]:
         *lines, self._held = self._held.split(b"\n")
+        if len(self._held) > _LONGEST_LINE:
+            raise InputError(
+                f"{self.name}: a line is longer than {_LONGEST_LINE} bytes; end every reading with a line "
+                "break"
+            )
         return self._parsed_lines(lines)
 
     def _parsed_lines(self, lines: list[bytes]) -> list[Reading]:
