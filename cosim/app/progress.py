@@ -57,7 +57,7 @@ class ProgressLine:
         self._show(end="\n")
 
     @property
-    def _start(self) -> str:
+    def _erase(self) -> str:
         """Characters that erase the line before."""
         return "\r\x1b[K" if self._renews and self._last is not None else ""
 
@@ -69,7 +69,7 @@ class ProgressLine:
         self._write(progress_line(self._stage, self._last, spent, self._first), end)
 
     def _write(self, line: str, end: str) -> None:
-        self._draw(self._start + line + end)
+        self._draw(self._erase + line + end)
 
 
 @final

@@ -45,7 +45,7 @@ class TerminalLine(progress.ProgressLine):
 
     def tell(self, text: str) -> None:
         """Print a line above the progress line, which is drawn again at the next ticks."""
-        draw(self._start, self._stream)
+        draw(self._erase, self._stream)
         tell(text, self._stream)
 
 
