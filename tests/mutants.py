@@ -24,6 +24,7 @@ from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 ROOMS: Final = sorted(path.parent.name for path in (ROOT / "cosim").glob("*/__init__.py"))
+LEFT_OUT: Final = (".git", ".venv", "build", "runs")
 LONGEST_S: Final = 3600
 _OPERATORS: Final[dict[type[ast.operator], type[ast.operator]]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -136,10 +137,11 @@ def finder(mutant: Mutant, folder: Path) -> str:
         mutant: what is broken.
         folder: empty; for the copy of cosim.
     """
-    kernels = "cosim/__pycache__/kernels"
-    shutil.copytree(ROOT, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".git", ".venv", "build"))
-    if (ROOT / kernels).exists() and not (folder / kernels).exists():
-        shutil.copytree(ROOT / kernels, folder / kernels)
+    for path in ROOT.iterdir():
+        if path.is_dir() and path.name not in LEFT_OUT:
+            shutil.copytree(path, folder / path.name)
+        elif path.is_file():
+            shutil.copy(path, folder)
     (folder / "cosim" / mutant.file).write_text(mutant.source, encoding="utf-8")
     room = f"tests/{mutant.file.parts[0]}"
     others = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
