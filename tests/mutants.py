@@ -1,8 +1,8 @@
 """Breaks expressions, one at a time, and shows what finds it: python -m tests.mutants [--count N] [--seed S].
 
 Each mutant is one changed sign, operator, comparison, condition or number in a copy of cosim; rooms take
-turns, the place within a room is drawn. The tests of the room go first, then the golden runs, then all
-others, each until the first failure. A line is printed for each mutant. Some change nothing that a user
+turns, the place within a room is drawn. Tests that import the file go first, then those of the room, the
+golden runs and all others, each until the first failure. A line is printed for each mutant. Some change nothing that a user
 could see: a bound of a search that is never met, the speed, the width of a picture.
 """
 
@@ -12,6 +12,7 @@ import argparse
 import ast
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -26,6 +27,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 ROOMS: Final = sorted(path.parent.name for path in (ROOT / "cosim").glob("*/__init__.py"))
 LEFT_OUT: Final = (".git", ".venv", "build", "runs")
 LONGEST_S: Final = 3600
+_FEW: Final = 8  # files of tests, which are run in one process
 _OPERATORS: Final[dict[type[ast.operator], type[ast.operator]]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
 }  # fmt: skip
@@ -143,9 +145,10 @@ def finder(mutant: Mutant, folder: Path) -> str:
         elif path.is_file():
             shutil.copy(path, folder)
     (folder / "cosim" / mutant.file).write_text(mutant.source, encoding="utf-8")
-    room = f"tests/{mutant.file.parts[0]}"
+    importing, room = _importing(mutant.file), f"tests/{mutant.file.parts[0]}"
     others = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
-    stages = [[room] if room in others else [], ["tests/golden"], sorted({*others} - {room, "tests/golden"})]
+    left = sorted({*others} - {room, "tests/golden"})
+    stages = [importing, [room] if room in others else [], ["tests/golden"], left]
     for stage in filter(None, stages):
         failed = _first_failure(stage, folder)
         if failed:
@@ -153,10 +156,32 @@ def finder(mutant: Mutant, folder: Path) -> str:
     return ""
 
 
+def _importing(file: Path) -> list[str]:
+    """Return the tests that import a file of cosim, or are named after it."""
+    module = ".".join(("cosim", *file.with_suffix("").parts))
+    tests = sorted((ROOT / "tests").glob("*/test_*.py"))
+    named = re.compile(
+        rf"{re.escape(module)}\b|from {re.escape(module.rpartition('.')[0])} import .*\b{file.stem}\b"
+    )
+    chosen = [path for path in tests if named.search(path.read_text("utf-8")) or file.stem in path.stem]
+    return [path.relative_to(ROOT).as_posix() for path in chosen]
+
+
 def _first_failure(paths: list[str], folder: Path) -> str:
     """Return the first test of some folders that fails in a copy of the project; empty if none does."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "auto", "--maxprocesses", "2", "--dist"]
-    command += ["worksteal", "--no-header", "--tb=no", *paths]
+    few = len(paths) < _FEW and all(path.endswith(".py") for path in paths)
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-n",
+        "0" if few else "auto",
+        "--dist",
+        "worksteal",
+    ]
+    command += ["--no-header", "--tb=no", *paths]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(folder)}
     try:
         done = subprocess.run(
