@@ -2,8 +2,8 @@
 
 Each mutant is one changed sign, operator, comparison, condition or number in a copy of cosim; rooms take
 turns, the place within a room is drawn. Tests that import the file go first, then those of the room, the
-golden runs and all others, each until the first failure. A line is printed for each mutant. Some change nothing that a user
-could see: a bound of a search that is never met, the speed, the width of a picture.
+golden runs and all others, each until the first failure. A line is printed for each mutant. Some change
+nothing that a user could see: a bound of a search that is never met, the speed, the width of a picture.
 """
 
 from __future__ import annotations
