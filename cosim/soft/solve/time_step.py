@@ -144,7 +144,9 @@ class Stepper:
             solution = self._solve(problem, state, x, accuracy, jumps, began)
             iterations += solution.iterations
             if solution.converged or self._acceptable(solution, accuracy):
-                return self._end(state, solution, scheme, loads), replace(solution, iterations=iterations)
+                if iterations != solution.iterations:  # a guess before has failed
+                    solution = replace(solution, iterations=iterations)
+                return self._end(state, solution, scheme, loads), solution
         body, gradient = self.solver.film.body, self.solver.film.gradient
         largest_at = describe_largest(body, solution.positions, gradient, self.solver.free)
         raise ConvergenceError(
@@ -242,9 +244,9 @@ class Stepper:
             progress = self.solver.run(problem, x, bound, began)
             iterations += progress.iterations
             factorisations += progress.tangents + progress.failed
-            solution = replace(
-                self._result(problem, x, progress), iterations=iterations, factorisations=factorisations
-            )
+            solution = self._result(problem, x, progress)
+            if bound is not bounds[0]:
+                solution = replace(solution, iterations=iterations, factorisations=factorisations)
             if self._ends(solution, accuracy, bound is bounds[-1]):
                 break
             memory = (
