@@ -388,7 +388,10 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
     tips = []
     for pressure in (fraction * model.spline.largest_Pa for fraction in _COMPARED):
         hanging_loads = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))
-        hanging_film = straight = solver.follow(straight, Pose(), hanging_loads)
+        try:
+            hanging_film = straight = solver.follow(straight, Pose(), hanging_loads)
+        except ConvergenceError:
+            continue
         for lean in _LEANS_rad:
             tension = (pull * (lean > 0.0), *slack[1:]) if slack else ()
             gravity = (9.81 * float(np.sin(lean)), 0.0, 9.81 * float(np.cos(lean)))

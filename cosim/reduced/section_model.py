@@ -12,7 +12,7 @@ from typing import Final, final
 
 import numpy as np
 
-from cosim.base.frames import Array, IntArray, Mask, Pose, cross_matrix
+from cosim.base.frames import Array, IntArray, Mask, Pose, cross_matrix, rotation_from_vector
 from cosim.errors import InputError
 from cosim.reduced.sections.chain_shape import GasTables, chain_points, combine_points, gas_volumes
 from cosim.reduced.sections.coefficients import COEFFICIENTS, HIGH, POLYNOMIAL
@@ -264,8 +264,6 @@ def strains(before: Array, after: Array) -> Array:
 
 def frames_from_strains(first: Array, values: Array) -> Array:
     """Return the chain of frames (s + 1, 4, 3) that begins with `first` (4, 3) and has strains (s, 6)."""
-    from cosim.base.frames import rotation_from_vector
-
     frames = [first]
     for value in values:
         axes = frames[-1][1:].T

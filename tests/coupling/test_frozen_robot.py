@@ -129,3 +129,15 @@ def test_it_goes_on_from_a_saved_state_bit_for_bit() -> None:
     assert (other.state.velocities == arm.state.velocities).all()
     with pytest.raises(InputError, match="nodes"):
         other.full_state = replace(saved, shape=saved.shape[:-1])
+
+
+def test_an_undone_step_leaves_nothing_behind() -> None:
+    arm = frozen()
+    arm.advance(turning(0.1), no_load(arm.body), STEP_S)
+    before, mass, state = arm.full_state, arm.mass_properties(), arm.state
+    arm.advance(turning(0.3), no_load(arm.body, pressure_Pa=(1e3,)), STEP_S)
+    arm.restore(state)
+    after = arm.full_state
+    assert arm.mass_properties().center.tobytes() == mass.center.tobytes()
+    assert after.supplied.tobytes() == before.supplied.tobytes()
+    assert after.pressures_Pa == before.pressures_Pa

@@ -99,7 +99,7 @@ class ImplicitContactStep:
         if len(self.bodies):
             shift_m = self._set_loads(change)
             start = None if accuracy is None else accuracy.start
-            accuracy = StepAccuracy(self._tolerance_N, start, afresh=bool(self._shift.any()))
+            accuracy = StepAccuracy(self._tolerance_N, start)
         if self.trials:
             # from a hard pressed shape the film may not return
             trial_positions = self._soft.state.positions if shift_m < _NEAR_M else None

@@ -184,11 +184,6 @@ class FilmRobot(soft_robot.SoftRobot):
         return soft_step.SoftReply(wrench, after.residual_N, iterations, *self._work)
 
     @property
-    def stepper(self) -> time_step.Stepper:
-        """Takes the film's time steps."""
-        return self._stepper
-
-    @property
     def loads(self) -> Loads:
         """Loads at the end of the last step, without contacts."""
         return self._now.loads

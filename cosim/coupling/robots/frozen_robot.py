@@ -62,6 +62,7 @@ class FrozenRobot(SoftRobot):
         self._pressures, self._flange = flexible.pressures_Pa, Pose()
         self._supplied = np.zeros_like(self.body.positions)
         self._set_shape(self.body.positions, flexible.volumes_m3)
+        self._begin = self.full_state  # of the last step
 
     def _set_shape(self, shape: Array, volumes_m3: tuple[float, ...]) -> None:
         """Set the frozen shape (n, 3) [m], flange frame."""
@@ -78,12 +79,19 @@ class FrozenRobot(SoftRobot):
 
     def advance(self, world_from_flange: Pose, loads: Loads, step_s: float) -> SoftReply:
         """Advance by one step, with the flange at its new pose."""
+        self._begin = self.full_state
         before, x = self.state, np.ascontiguousarray(world_from_flange.apply(self._shape))
         v = (x - before.positions) / step_s
         acceleration = (v - before.velocities) / step_s + self._drag * v
         self.state = SoftState(x, v, before.memory)
         self._set_supply(world_from_flange, loads, acceleration)
         return SoftReply(self._wrench(x), 0.0, 0)
+
+    def restore(self, before: SoftState) -> None:
+        """Undo the last step."""
+        begin = self._begin
+        self.state, self._pressures = before, begin.pressures_Pa
+        self._flange, self._supplied = begin.flange, begin.supplied
 
     def _set_supply(self, flange: Pose, loads: Loads, acceleration: Array) -> None:
         """Compute the forces of the flange on the nodes at their acceleration (n, 3) [m/s^2]."""

@@ -172,13 +172,6 @@ class CoupledPattern:
         used[self.from_body] = used[np.where(slots < 0, -1 - slots, slots)] = True
         return self.pattern.blocks > SPARE * int(np.count_nonzero(used))
 
-    @cached_property
-    def of_body(self) -> IntArray:
-        """Index (pattern.blocks,) of each block in the body's pattern, -1 if it is not in it."""
-        index = np.full(self.pattern.blocks, -1)
-        index[self.from_body] = np.arange(len(self.from_body))
-        return index
-
     def blocks(self, body_blocks: Array) -> Array:
         """Return the body's blocks in the wider pattern, zero elsewhere: (pattern.blocks, 3, 3)."""
         wide = np.zeros((self.pattern.blocks, 3, 3))

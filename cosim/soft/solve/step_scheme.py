@@ -155,12 +155,10 @@ class StepAccuracy:
     Args:
         tolerance_N: residual below which a step is solved.
         start: (n, 3) [m], result of an earlier trial of the same step; None for the first.
-        afresh: whether the step is under other loads, so that it is not a continuation of another trial.
     """
 
     tolerance_N: float
     start: Array | None = None
-    afresh: bool = False
 
     def newton(self, options: StepOptions) -> tuple[NewtonOptions, NewtonOptions]:
         """Return the bounds of Newton's method up to an ordinary step's tolerance, and below it.
