@@ -244,6 +244,7 @@ class ErrorStudy:
         of_chain = shape_figures(side, rest.state.positions, state.flange)
         difference = differences(of_chain | {"volume_m3": sum(source.chain.volumes_m3)}, figures)
         if target is not None:
+            difference["cable_tension_N"] = math.inf  # unknown, unless both models reach the target
             with suppress(UnreachableError, ConvergenceError, OutOfRangeError):
                 pulled = source.chain.find_tensions(rest, target), side.find_tensions(pair.rest, target)
                 difference["cable_tension_N"] = tension_difference(*(each.loads for each in pulled))
