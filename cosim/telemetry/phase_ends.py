@@ -14,6 +14,7 @@ from cosim.telemetry.tick_batch import TickBatch
 
 _JUMP: Final = 0.05
 """Motion of the tip in a snap, over the length: with less, the figures of the phase have error bars."""
+_LEAST_ROWS: Final = 256
 BRANCHES: Final = "the soft robot branches in it, and figures jump there"
 SNAPS: Final = "the soft robot snaps at its end, and figures jump there"
 TOUCHES: Final = "the soft robot touches the scene, and contact with it is not modelled on the refined mesh"
@@ -61,12 +62,11 @@ class PhaseEndsBuilder:
     """Gathers ends of phases from ticks in order.
 
     Args:
-        ticks: of the whole run.
         moves: whether the film's motion is gathered: in dynamic runs with a film that is not rigid.
     """
 
-    def __init__(self, ticks: int, *, moves: bool) -> None:
-        self._rows, self._moves, self._began = ticks + 1, moves, time.process_time()
+    def __init__(self, *, moves: bool) -> None:
+        self._moves, self._began = moves, time.process_time()
         self._ends: list[PhaseEnd] = []
         self._moments, self._known = np.zeros((0, 0, 3)), 0
         self._branches, self._before_s = False, 0.0
@@ -94,10 +94,15 @@ class PhaseEndsBuilder:
             self._branches = False
 
     def _add(self, moments: Array) -> None:
-        if self._moments.shape[1:] != moments.shape[1:]:
-            self._moments = np.empty((self._rows, *moments.shape[1:]))
-        self._moments[self._known : self._known + len(moments)] = moments
-        self._known += len(moments)
+        known, needed = self._known, self._known + len(moments)
+        if len(self._moments) < needed or self._moments.shape[1:] != moments.shape[1:]:
+            # by halves more: a run may be planned for far more ticks than are ever taken
+            grown = np.empty((needed + max(_LEAST_ROWS, needed // 2), *moments.shape[1:]))
+            if known:
+                grown[:known] = self._moments[:known]
+            self._moments = grown
+        self._moments[known:needed] = moments
+        self._known = needed
 
     def _why_not(self, batch: TickBatch, row: int) -> str:
         """Return why figures at the end of a phase have no error bars; empty if the run knows no reason."""

@@ -129,7 +129,7 @@ class SummaryBuilder:
         self._figures = tuple(figures_of(TickColumns))
         none = TouchedFigures.none(len(stage.body_names))
         self._state = SummaryState(none, None if stage.energy is None else EnergyFigures())
-        self._ends = PhaseEndsBuilder(stage.ticks, moves=stage.energy is not None)
+        self._ends = PhaseEndsBuilder(moves=stage.energy is not None)
 
     @property
     def state(self) -> SummaryState:

@@ -238,3 +238,10 @@ def test_what_is_measured_is_what_the_snapshot_shows() -> None:
     assert repr(seen.body_pose) == repr(dict(pickle.loads(pickle.dumps(seen.body_pose))))
     with pytest.raises(KeyError, match=r"there is no rigid body 'roll'; there are: world, "):
         seen.body_pose["roll"]
+
+
+def test_a_step_that_fails_in_a_simulation_without_an_end_is_named(tmp_path: Path) -> None:
+    """What was computed until then is shown with the error, whatever number of ticks could still come."""
+    here = held(tmp_path)
+    with pytest.raises(cosim.SolverError):
+        here.step(Command(pressure_Pa={"chamber": 1e308}), ticks=1)
