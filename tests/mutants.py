@@ -132,12 +132,13 @@ def _offset(source: str, line: int, column: int) -> int:
     return sum(map(len, lines[: line - 1])) + len(head)
 
 
-def finder(mutant: Mutant, folder: Path) -> str:
+def finder(mutant: Mutant, folder: Path, *, near: bool = False) -> str:
     """Return the first test that fails with a mutant; empty if none does.
 
     Args:
         mutant: what is broken.
         folder: empty; for the copy of cosim.
+        near: leave out the tests of other rooms.
     """
     for path in ROOT.iterdir():
         if path.is_dir() and path.name not in LEFT_OUT:
@@ -148,7 +149,7 @@ def finder(mutant: Mutant, folder: Path) -> str:
     importing, room = _importing(mutant.file), f"tests/{mutant.file.parts[0]}"
     others = sorted(f"tests/{path.parent.name}" for path in (ROOT / "tests").glob("*/test_*.py"))
     left = sorted({*others} - {room, "tests/golden"})
-    stages = [importing, [room] if room in others else [], ["tests/golden"], left]
+    stages = [importing, [room] if room in others else [], ["tests/golden"], [] if near else left]
     for stage in filter(None, stages):
         failed = _first_failure(stage, folder)
         if failed:
@@ -207,6 +208,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="leave out those before")
+    parser.add_argument("--near", action="store_true", help="leave out the tests of other rooms")
     parser.add_argument("--list", action="store_true", help="show the mutants only")
     options = parser.parse_args()
     missed = 0
@@ -217,7 +219,7 @@ def main() -> int:
             print(f"{number} {mutant}")
             continue
         with tempfile.TemporaryDirectory() as made:
-            found = finder(mutant, Path(made))
+            found = finder(mutant, Path(made), near=options.near)
         missed += not found
         print(f"{number} {mutant} | {found or 'NOT FOUND'}", flush=True)
     return missed
