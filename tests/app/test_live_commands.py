@@ -125,6 +125,8 @@ def test_gas_is_let_in_where_it_is_sealed(tmp_path: Path) -> None:
     assert after.pressure_Pa[0] > before.pressure_Pa[0] + 500.0
     with pytest.raises(InputError, match=r"pressure_Pa of 'chamber', in which gas is sealed; command gas_kg"):
         here.step(Command(pressure_Pa={"chamber": 1e3}), ticks=4)
+    with pytest.raises(InputError, match=r"gas_kg of 'chamber' is 1e\+308: .*; the chamber holds"):
+        here.step(Command(gas_kg={"chamber": 1e308}))
     with pytest.raises(InputError, match=r"gas_kg of 'chamber', whose pressure is given"):
         held(tmp_path, HELD).step(Command(gas_kg={"chamber": 1e-4}), ticks=4)
 

@@ -4,6 +4,7 @@ sealed; with an active pump, its setpoint. A phase that seals or opens a chamber
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -64,11 +65,16 @@ class GasOrders:
             InputError: a pressure of a sealed chamber is commanded, or the gas of an open or pumped one.
         """
         for k, name in enumerate(self.chambers):
-            sealed = gas.content(k) is not None
-            if sealed and new.pressure_Pa[k] is not None:
+            content, wanted_kg = gas.content(k), new.gas_kg[k]
+            if content is not None and new.pressure_Pa[k] is not None:
                 raise InputError(f"{WHO}: pressure_Pa of '{name}', in which gas is sealed; command gas_kg")
-            if not sealed and new.gas_kg[k] is not None:
+            if content is None and wanted_kg is not None:
                 raise InputError(f"{WHO}: gas_kg of '{name}', whose pressure is given; command pressure_Pa")
+            if content is not None and math.isinf(content.pressure_Pa * (wanted_kg or 0.0) / content.mass_kg):
+                raise InputError(
+                    f"{WHO}: gas_kg of '{name}' is {wanted_kg:g}: its pressure is beyond all numbers; the "
+                    f"chamber holds {content.mass_kg:.3g} kg now"
+                )
         for pump, setpoint in zip(pumps, new.pump_pressure_Pa, strict=True):
             works = pump.state.setpoint_Pa is not None or setpoint is not None
             if works and new.gas_kg[pump.chamber] is not None:
