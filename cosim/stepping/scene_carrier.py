@@ -87,7 +87,6 @@ class SceneCarrier(Carrier):
 
     def completed(self, states: Mapping[str, Any]) -> dict[str, Any]:
         if "exchange" not in states:
-            self._coupling = None
             return dict(states)
         if self._coupling is None:
             check_state(states["scene"], self._coupled.state, place="state.scene")

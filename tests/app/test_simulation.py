@@ -161,3 +161,14 @@ def test_what_python_shows_of_them_is_short() -> None:
     assert repr(here) == "Simulation of three_unit_inflation, quasistatic: tick 3 of 8, 0.075 s"
     assert repr(here.save()) == "SavedState after tick 3, at 0.075 s"
     assert repr(here.snapshot).startswith("Snapshot of tick 3, 0.075 s, phase 0: 0 joints")
+
+
+def test_a_refused_state_of_another_simulation_leaves_no_trace() -> None:
+    rigid: dict[str, Any] = {"model.published": True, "fidelity": "rigid", "phase": []}
+    here = cosim.Simulation("ur5e_hexagon_arm", overrides=rigid)
+    other = cosim.Simulation("ur5e_hexagon_arm", overrides={**rigid, "robot": "none"}).save()
+    here.step(2)
+    expected = here.branch().step(2).joint_torque
+    with pytest.raises(InputError, match="here it has"):
+        here.restore(other)
+    assert here.step(2).joint_torque.tobytes() == expected.tobytes()

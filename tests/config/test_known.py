@@ -36,6 +36,7 @@ def test_no_robot_claims_that_its_stiffeners_are_published(name: str) -> None:
         ({"published": ["film.thickness"]}, "known.published", "'film.thickness'; the robot has no such key"),
         ({"measured": ["hinge.rule.x"]}, "known.measured", "no such key"),
         ({"published": ["film"], "assumed": ["film"]}, "known", "names 'film' more than once"),
+        ({"assumed": ["9" * 5000]}, "known.assumed", r"9\.\.\.; the robot has no such key"),
         ({"guessed": ["film"]}, "known.guessed", "unknown key"),
     ],
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import resource
@@ -122,6 +123,7 @@ def _work(trial: Trial, seeds: list[int], keep: Path, results: Connection) -> No
                 verdict = traceback_verdict(error)
             if verdict.kind not in (FINDING, SLOW):
                 _remove(folder)
+            gc.collect()  # simulations are held by cycles; the bound of memory is that of one case
             results.send(verdict)
 
 

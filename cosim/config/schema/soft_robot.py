@@ -353,13 +353,13 @@ class KnownTable(Table):
         for entry in fields(self):
             for key in getattr(self, entry.name):
                 if not _has_key(robot, key.split(".")):
-                    yield entry.name, f"names '{key}'; the robot has no such key"
+                    yield entry.name, f"names {keys.shown(key)}; the robot has no such key"
 
     @rule
     def _names_each_once(self) -> Violations:
         counts = Counter((*self.published, *self.measured, *self.assumed))
         for key in [key for key, count in counts.items() if count > 1][:1]:
-            yield "", f"names '{key}' more than once"
+            yield "", f"names {keys.shown(key)} more than once"
 
 
 def _has_key(table: Any, parts: list[str]) -> bool:
