@@ -6,6 +6,7 @@ import ast
 import inspect
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,8 @@ EXPECTED = {
     "sweep",
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")
+NEVER = ("rerun", "matplotlib", "scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.stats")
+"""What takes long to load, and neither a check nor a run without a recording needs."""
 
 
 def test_exactly_these_names_are_public() -> None:
@@ -124,3 +127,23 @@ def test_wrong_input_is_refused_without_loading_an_engine() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unneeded"),
+    [
+        (["check", "ur5e_hexagon_arm"], (*NEVER, "scipy.linalg", "pandas", "cosim.soft.solve.newton")),
+        (["run", "three_unit_inflation", "--quiet", "--no-error", "--no-recording"], NEVER),
+    ],
+)
+def test_commands_load_only_what_they_need(
+    arguments: list[str], unneeded: Sequence[str], tmp_path: Path
+) -> None:
+    code = (
+        f"import sys; from cosim.cli.main import main; assert main({arguments!r}) == 0;"
+        f"print([name for name in {unneeded!r} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert done.stdout.splitlines()[-1] == "[]"

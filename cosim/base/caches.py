@@ -44,19 +44,26 @@ def folders(kind: str) -> tuple[Path | None, tuple[Path, ...]]:
     Args:
         kind: of `KINDS`.
     """
-    chosen, parents = os.environ.get(VARIABLE), [_PACKAGE / "__pycache__"]
-    with suppress(RuntimeError):  # a user without a home
-        base = os.environ.get("XDG_CACHE_HOME")
-        user = (Path(base) if base else Path.home() / ".cache") / "cosim"
-        parents = [user, *parents] if kind != KERNELS else [*parents, user]
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    return _usable(kind, os.environ.get(VARIABLE), base)
+
+
+@cache  # asked for every kernel
+def _usable(kind: str, chosen: str | None, base: str) -> tuple[Path | None, tuple[Path, ...]]:
+    """Return the first writable folder of the user, and the readable folders of root.
+
+    Args:
+        kind: of `KINDS`.
+        chosen: folder of `VARIABLE`, or None.
+        base: of the user's caches; begins with "~" for a user without a home.
+    """
+    parents = [_PACKAGE / "__pycache__"]
+    if not base.startswith("~"):
+        of_user = Path(base, "cosim")
+        parents = [of_user, *parents] if kind != KERNELS else [*parents, of_user]
     if chosen:
         parents = [Path(chosen), *(folder for folder in parents if folder.parent != _PACKAGE)]
-    return _usable(tuple(folder / kind for folder in parents))
-
-
-@cache
-def _usable(candidates: tuple[Path, ...]) -> tuple[Path | None, tuple[Path, ...]]:
-    """Return the first writable folder of the user, and the readable folders of root."""
+    candidates = [folder / kind for folder in parents]
     user, writable, of_root = os.getuid(), None, list[Path]()
     for folder in candidates:
         try:

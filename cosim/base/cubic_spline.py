@@ -1,5 +1,5 @@
-"""Cubic splines through points: polynomials with continuous second derivative. Their bits are those of
-`scipy.interpolate.CubicSpline`, which takes a third of a second to load.
+"""Cubic splines through points: polynomials with continuous second derivative. They are those of
+`scipy.interpolate.CubicSpline` up to rounding; SciPy takes a third of a second to load.
 """
 
 from collections.abc import Sequence
@@ -53,27 +53,45 @@ class CubicSpline:
 
 def _slopes(x: Array, h: Array, chord: Array, ends: tuple[Array | float, Array | float] | None) -> Array:
     """Return the slopes (n, ...) at the points."""
-    from scipy.linalg import solve, solve_banded  # imported here because it takes long to load
-
     n, d = len(x), h.reshape(-1)
     right = np.empty((n, *chord.shape[1:]))
-    if ends is None and n == 3:  # a parabola
-        right[0], right[2] = 2 * chord[0], 2 * chord[1]
-        right[1] = 3 * (h[0] * chord[1] + h[1] * chord[0])
-        matrix = np.array([[1, 1, 0], [d[1], 2 * (d[0] + d[1]), d[0]], [0, 1, 1]])
-        return np.asarray(solve(matrix, right.reshape(n, -1), check_finite=False)).reshape(right.shape)
-    above, diagonal, below = bands = np.zeros((3, n))
-    diagonal[1:-1], above[2:], below[:-2] = 2 * (d[:-1] + d[1:]), d[:-1], d[1:]
+    above, diagonal, below = np.zeros((3, n))  # of row i in columns i + 1, i and i - 1
+    diagonal[1:-1], above[1:-1], below[1:-1] = 2 * (d[:-1] + d[1:]), d[:-1], d[1:]
     right[1:-1] = 3 * (h[1:] * chord[:-1] + h[:-1] * chord[1:])
     if ends is not None:
         diagonal[[0, -1]], right[0], right[-1] = 1, *ends
+    elif n == 3:  # a parabola
+        diagonal[[0, -1]] = above[0] = below[-1] = 1
+        right[0], right[-1] = 2 * chord[0], 2 * chord[1]
     else:
-        diagonal[0], above[1] = d[1], x[2] - x[0]
-        diagonal[-1], below[-2] = d[-2], x[-1] - x[-3]
-        span = above[1]
+        diagonal[0], above[0] = d[1], x[2] - x[0]
+        diagonal[-1], below[-1] = d[-2], x[-1] - x[-3]
+        span = above[0]
         right[0] = ((h[0] + 2 * span) * h[1] * chord[0] + h[0] ** 2 * chord[1]) / span
-        span = below[-2]
+        span = below[-1]
         right[-1] = (h[-1] ** 2 * chord[-2] + (2 * span + h[-1]) * h[-2] * chord[-1]) / span
-    return np.asarray(solve_banded((1, 1), bands, right.reshape(n, -1), check_finite=False)).reshape(
-        right.shape
-    )
+    return _tridiagonal_solution(below.tolist(), diagonal.tolist(), above.tolist(), right)
+
+
+def _tridiagonal_solution(below: list[float], diagonal: list[float], above: list[float], x: Array) -> Array:
+    """Return the solution of a tridiagonal system, by elimination with exchanges of successive rows.
+
+    In place of the right side x (n, ...). SciPy's solver would take longer to load than all splines of a run.
+    """
+    last, beyond = len(x) - 1, [0.0] * len(x)
+    for i in range(last):
+        j = i + 1
+        if abs(diagonal[i]) >= abs(below[j]):
+            factor = below[j] / diagonal[i]
+            diagonal[j] -= factor * above[i]
+            x[j] -= factor * x[i]
+            continue
+        factor, diagonal[i] = diagonal[i] / below[j], below[j]
+        diagonal[j], above[i] = above[i] - factor * diagonal[j], diagonal[j]
+        beyond[i], above[j] = above[j], -factor * above[j]
+        x[i], x[j] = x[j].copy(), x[i] - factor * x[j]
+    x[last] /= diagonal[last]
+    for i in range(last - 1, -1, -1):
+        known = above[i] * x[i + 1] + (beyond[i] * x[i + 2] if beyond[i] else 0.0)
+        x[i] = (x[i] - known) / diagonal[i]
+    return x

@@ -5,7 +5,7 @@ from typing import Any
 
 from cosim.base import arm_file, kept_parts
 from cosim.base.frames import Array
-from cosim.build import arm_parts, arms, engine_agreement, options, soft_model
+from cosim.build import arm_parts, arms, engine_agreement, options
 from cosim.config import loading, several_arms, studies
 from cosim.config.schema.scenario import NO_ARM, Scenario
 from cosim.config.schema.settings import ModelTable
@@ -75,7 +75,7 @@ def _start_of(scenario: Scenario, kept: kept_parts.KeptParts) -> Array | None:
     """Return the joint angles (joints,) at which a scenario's arm starts; None without an arm."""
     faults = Faults()
     with faults:
-        body = kept.made("body", soft_model.body_name(scenario), lambda: options.fidelity_body(scenario))
+        body = kept.made("body", options.body_name(scenario), lambda: options.fidelity_body(scenario))
     if scenario.robot != NO_ARM:
         with faults:
             built = arm_parts.ArmParts(scenario, kept)

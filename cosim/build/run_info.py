@@ -17,7 +17,8 @@ from cosim.build.expected_error import (
     known_report,
     modelled_robot,
 )
-from cosim.build.options import contact_law, described_body, dynamic_options, fidelity_report, section_figures
+from cosim.build.fidelity import fidelity_report, section_figures
+from cosim.build.options import contact_law, described_body, dynamic_options
 from cosim.config.gas_rules import gas_report
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario

@@ -4,16 +4,13 @@ run it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from cosim.base import kept_parts
 from cosim.build import options
-from cosim.config.schema.body_sources import BodySourceTable, MeshTable
 from cosim.config.schema.given_body import AnySoftRobot
-from cosim.config.schema.pattern import PatternTable
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
 from cosim.coupling.robots import film_robot, frozen_robot, soft_robot
@@ -57,7 +54,7 @@ class SoftModel:
         self._flange = pose_of(scenario.start.flange)
         self._statics, self._dynamics = options.static_options(scenario), options.dynamic_options(scenario)
         self._films = film_law(scenario)
-        self.body_name, self.lasting = body_name(scenario), _is_lasting(scenario.soft_robot)
+        self.body_name, self.lasting = options.body_name(scenario), _is_lasting(scenario.soft_robot)
         self.body = kept.made(
             "body", self.body_name, lambda: options.fidelity_body(scenario) if given is None else given
         )
@@ -115,28 +112,9 @@ class SoftModel:
         return flexible
 
 
-def body_name(scenario: Scenario) -> str:
-    """Return a cache name of a scenario's soft body, from its tables and its mesh files."""
-    sources = tuple(_sources(scenario.soft_robot))
-    if not all(isinstance(source, MeshTable | PatternTable) for source in sources):
-        return kept_parts.nameless()  # the files of other kinds of sources are unknown
-    names = [source.file for source in sources if isinstance(source, MeshTable | PatternTable)]
-    files = kept_parts.stamps(Path(name) for name in names if name is not None)
-    return kept_parts.name_of(scenario.soft_robot, scenario.model, scenario.fidelity == "refined", files)
-
-
 def _is_lasting(robot: AnySoftRobot) -> bool:
     """Return whether all elements of a soft robot are of kinds that cosim defines."""
     if not isinstance(robot, SoftRobotTable):
         return False
     of_cosim = (type(entry).__module__.startswith("cosim.") for entry in robot.elements)
     return all(of_cosim) and all(_is_lasting(part.robot) for part in robot.attachments)
-
-
-def _sources(robot: AnySoftRobot) -> Iterator[BodySourceTable]:
-    if not isinstance(robot, SoftRobotTable):
-        return
-    if robot.body is not None:
-        yield robot.body
-    for part in robot.attachments:
-        yield from _sources(part.robot)

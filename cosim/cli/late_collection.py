@@ -1,5 +1,5 @@
-"""Disables Python's garbage collection until a run has started or a file has been checked: the objects of the
-start are not garbage.
+"""Disables Python's garbage collection until a run has started or a file has been checked, and leaves the
+objects of the start out of later collections: they are not garbage.
 """
 
 import gc
@@ -12,7 +12,7 @@ class LateCollection:
     """A context manager that disables garbage collection until the first ticks that it observes, or `begin`.
 
     Modules, kernels and engines are hundreds of thousands of objects. Collections during their import take a
-    tenth of the time of a start.
+    tenth of the time of a start, and one look at all of them takes 0.1 s.
     """
 
     def __enter__(self) -> Self:
@@ -24,6 +24,8 @@ class LateCollection:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.begin()
+        if self._was_enabled:
+            gc.unfreeze()
 
     def open(self, stage: Any) -> None:
         """Do nothing."""
@@ -36,6 +38,7 @@ class LateCollection:
         """Do nothing: the command ends."""
 
     def begin(self) -> None:
-        """Enable collection, if it was enabled before."""
-        if self._was_enabled:
+        """Enable collection of objects made from now on, if collection was enabled before."""
+        if self._was_enabled and not gc.isenabled():
+            gc.freeze()
             gc.enable()

@@ -187,13 +187,13 @@ def _descend(
 
 
 def _step(deviation: Array, derivative: Array, damping: float) -> Array:
-    from scipy.linalg.lapack import dposv  # imported here because it takes long to load
-
-    # The small form: rows of a pose, whatever the number of joints.
+    # The small form: rows of a pose, whatever the number of joints. By numpy, as SciPy takes long to load.
     normal = derivative @ derivative.T
     normal.flat[:: len(deviation) + 1] += damping + 1e-12
-    _, weights, failed = dposv(normal, deviation)
-    return np.zeros(derivative.shape[1]) if failed else -derivative.T @ weights
+    try:
+        return -derivative.T @ np.linalg.solve(normal, deviation)
+    except np.linalg.LinAlgError:
+        return np.zeros(derivative.shape[1])
 
 
 def _weights(arm: Arm, q: Array, step: Array, prescribed: Array | None) -> Array:

@@ -15,9 +15,12 @@ def test_it_begins_with_the_first_ticks() -> None:
     with LateCollection() as late:
         late.open(None)
         assert not gc.isenabled()
+        before = gc.get_freeze_count()
         late.observe(None)
         assert gc.isenabled()
+        assert gc.get_freeze_count() > before  # what was made before is not looked at again
         late.close()
+    assert not gc.get_freeze_count()
     with pytest.raises(InputError), LateCollection():
         raise InputError("before the first ticks")
     assert gc.isenabled()
