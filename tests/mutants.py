@@ -2,8 +2,9 @@
 
 Each mutant is one changed sign, operator, comparison, condition or number in a copy of cosim; rooms take
 turns, the place within a room is drawn. Tests that import the file go first, then those of the room, the
-golden runs and all others, each until the first failure. A line is printed for each mutant. Some change
-nothing that a user could see: a bound of a search that is never met, the speed, the width of a picture.
+golden runs and all others, each until the first failure or for 15 minutes. A line is printed for each
+mutant. Some change nothing that a user could see: a bound of a search that is never met, the speed, the width
+of a picture.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from typing import Final
 ROOT: Final = Path(__file__).resolve().parents[1]
 ROOMS: Final = sorted(path.parent.name for path in (ROOT / "cosim").glob("*/__init__.py"))
 LEFT_OUT: Final = (".git", ".venv", "build", "runs")
-LONGEST_S: Final = 3600
+LONGEST_S: Final = 900
 _FEW: Final = 8  # files of tests, which are run in one process
 _OPERATORS: Final[dict[type[ast.operator], type[ast.operator]]] = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,

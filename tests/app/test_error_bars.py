@@ -163,6 +163,22 @@ def test_forces_on_rings_are_those_of_the_run_on_the_refined_mesh(arm: Path) -> 
     assert_bars_hold(phases(arm), phases(arm, error=False, fidelity="refined"))
 
 
+def test_a_force_on_a_ring_is_divided_evenly_on_the_refined_mesh() -> None:
+    model = SoftModel(load_scenario("three_unit_inflation"), KeptParts())
+    side = model.side()
+    assert isinstance(side, FilmRobot)
+    mesh, ring = FinerMesh(side.body, model.refined(1)), side.body.rings["unit_3.outer"]
+    force = np.zeros((side.body.nodes, 3))
+    force[ring, 1] = 0.06 / len(ring)
+    rest = side.start(side.full_state.flange, Loads((2e3,), (), (0.0, 0.0, 0.0), force))
+    found = mesh.at_rest(mesh.clamp(side.clamp), rest).loads.nodal_force
+    assert found is not None
+    finer_ring = mesh.side.body.rings["unit_3.outer"]
+    assert len(finer_ring) > len(ring)
+    assert found[finer_ring, 1] == pytest.approx(0.06 / len(finer_ring))
+    assert found.sum(axis=0) == pytest.approx([0.0, 0.06, 0.0])
+
+
 def test_rings_that_are_held_later_are_held_where_the_refined_mesh_has_them() -> None:
     counts = {f"phase.{name}.increments": 4 for name in ("start", "inflate", "load", "pull")}
     name = "bending_angle_tip_load"

@@ -36,6 +36,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"joint_position": {"a": 1.0}}, rf"step: joint_position is .*; {ROW}"),
     ({"flange": [0.4, 0.0, 0.5]}, r"step: flange is \[0\.4, 0\.0, 0\.5\]; give a cosim\.Pose"),
     ({"flange": cosim.Pose(np.zeros((3, 3)))}, r"step: flange\.rotation is no rotation"),
+    ({"flange": cosim.Pose(-np.eye(3))}, "its rows must be a right-handed triad"),
 ]
 
 

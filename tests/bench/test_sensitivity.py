@@ -144,6 +144,27 @@ def test_a_column_against_whole_solutions(name: str, step: float) -> None:
     assert error_of(pulled(), name, step) < 1e-6
 
 
+def test_a_derivative_is_read_by_its_names_and_has_a_unit() -> None:
+    jacobian = cosim.Jacobian(
+        ("tip_position_m.z", "length_m"), ("m", "m"), np.array([0.5, 0.3]),
+        ("pressure_Pa.chamber", "thickness_m"), ("Pa", "m"), np.array([8e3, 1e-4]),
+        np.array([[1.0, 2.0], [3.0, 4.0]]),
+    )  # fmt: skip
+    assert jacobian.of("length_m", "pressure_Pa.chamber") == 3.0
+    assert jacobian.of("tip_position_m.z", "thickness_m") == 2.0
+    assert jacobian.unit("length_m", "pressure_Pa.chamber") == "m per Pa"
+    for output, parameter, text in (
+        ("length", "thickness_m", "no 'length' in the Jacobian; there are tip_position_m.z, length_m"),
+        (
+            "length_m",
+            "thickness",
+            "no 'thickness' in the Jacobian; there are pressure_Pa.chamber, thickness_m",
+        ),
+    ):
+        with pytest.raises(cosim.InputError, match=text):
+            jacobian.of(output, parameter)
+
+
 @pytest.mark.parametrize(("name", "step"), [("cable_length_m.corner_0", 1e-3), ("gas_mass_kg.chamber", 1e-4)])
 def test_lengths_and_sealed_gas(name: str, step: float) -> None:
     simulation = pulled()

@@ -134,6 +134,11 @@ def test_cables_and_elasticity_and_inertia() -> None:
     assert "quasistatic' would leave out little" not in slack["inertia"].reason
     gentle = found(**{"phase.lower.duration_s": 4.0})["inertia"].reason
     assert "quasistatic' would leave out little" in gentle
+    # duration and percentage of gravity: from 1 % on, inertia is worth its time
+    for duration_s, percent, little in ((0.72, "1.1 %", False), (0.8, "0.92 %", True)):
+        reason = found(**{"phase.lower.duration_s": duration_s})["inertia"].reason
+        assert f"up to {percent} of gravity" in reason
+        assert ("quasistatic' would leave out little" in reason) is little
     # in place, the flange turns fast: its origin rests, the arm's end does not
     turn = {"axis": [0.0, 1.0, 0.0], "angle_rad": 0.5}
     swing = [{"name": "lower", "duration_s": 0.2, "flange_turn": turn}]

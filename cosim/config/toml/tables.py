@@ -121,7 +121,7 @@ def _kind_place(table: type) -> str:
 def tables_in(hint: Any) -> Iterator[type[Table]]:
     """Yield the classes of tables in a type annotation; of a family, all its kinds."""
     if isinstance(hint, type) and issubclass(hint, Table):
-        family = issubclass(hint, KindTable) and KindTable in hint.__bases__
+        family = KindTable in hint.__bases__
         yield from getattr(hint, "kinds", {}).values() or [hint] if family else [hint]
     for inner in getattr(hint, "__args__", ()):
         yield from tables_in(inner)
