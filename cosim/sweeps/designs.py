@@ -33,8 +33,12 @@ class DesignFollower(Protocol):
     def close(self) -> None:
         """End the run, completed or not."""
 
-    def figures(self) -> dict[str, Any]:
-        """Return figures of a completed run, as values of JSON."""
+    def figures(self, command_cpu_s: float) -> dict[str, Any]:
+        """Return figures of a completed run, as values of JSON.
+
+        Args:
+            command_cpu_s: CPU time that the run would take as a command of its own.
+        """
 
 
 @final

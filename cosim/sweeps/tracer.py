@@ -1,6 +1,6 @@
-"""Cost and curves of a candidate's run. The speed is simulated time over CPU time of the loop, recording
-included; wall time would depend on other work of the machine. The flange force is averaged over time, as its
-values at single ticks do not converge with the tick.
+"""Cost and curves of a candidate's run. The speed is simulated time over CPU time, of the loop with its
+recording and of the whole command; wall time would depend on other work of the machine. The flange force is
+averaged over time, as its values at single ticks do not converge with the tick.
 """
 
 import time
@@ -13,11 +13,11 @@ from uuid import uuid4
 
 import numpy as np
 
-from cosim.app.driver import rerun_recorder
 from cosim.app.run_files import RECORDING
 from cosim.base.frames import Array
 from cosim.config.schema.settings import RecordingTable
 from cosim.recording.recorder import RecordingPart
+from cosim.recording.rerun_recorder import RerunRecorder
 from cosim.sweeps.trade_results import FORCE_WINDOW_S
 from cosim.telemetry.run_info import RunInfo
 from cosim.telemetry.tick_batch import TickBatch
@@ -49,7 +49,8 @@ class Tracer:
         self._bodies = [k for k, name in enumerate(stage.body_names) if name in self.movable]
         self._folder = TemporaryDirectory()
         path = Path(self._folder.name) / RECORDING
-        self._recorder = rerun_recorder(path, self.recording, RecordingPart(uuid4().hex))
+        part, frames_per_s = RecordingPart(uuid4().hex), self.recording.frames_per_s
+        self._recorder = RerunRecorder(path, frames_per_s=frames_per_s, part=part)
         self._recorder.open(stage)
         self._began = self._stretch_began = time.process_time()
         self._stretch_from_s = self._cpu_s = 0.0
@@ -77,8 +78,8 @@ class Tracer:
         self._cpu_s = time.process_time() - self._began
         self._folder.cleanup()
 
-    def figures(self) -> dict[str, Any]:
-        """Return speed, Newton iterations a tick, and the curves at common times; see `sampled`."""
+    def figures(self, command_cpu_s: float) -> dict[str, Any]:
+        """Return both speeds, Newton iterations a tick, and the curves at common times; see `sampled`."""
         objects, time_s, tip, force, contact, phase, iterations = map(
             np.concatenate, zip(*self._batches, strict=True)
         )
@@ -87,7 +88,8 @@ class Tracer:
         curves = {"tip_m": tip, "contact_N": contact, **({"objects_m": objects} if self._bodies else {})}
         compared = {**sampled(time_s, curves, force), "end_tip_m": tip[ends]}
         return {
-            "real_time_factor": float(time_s[-1]) / self._cpu_s,
+            "real_time_factor": float(time_s[-1]) / command_cpu_s,
+            "loop_factor": float(time_s[-1]) / self._cpu_s,
             "iterations": int(iterations[1:].sum()) / max(1, last),
             "curves": {name: values.tolist() for name, values in compared.items()},
         }

@@ -104,8 +104,8 @@ def compare(candidates: Sequence[Candidate], rows: Sequence[Row]) -> list[Measur
         first = candidate.reference and reference is None
         reference = curves if first else reference
         errors = {} if reference is None else _errors(curves, reference)
-        cost = Measured(candidate, row.figures["real_time_factor"], row.figures["iterations"])
-        results.append(replace(cost, **errors, reference=first))
+        cost = {name: row.figures[name] for name in ("real_time_factor", "loop_factor", "iterations")}
+        results.append(Measured(candidate, **cost, **errors, reference=first))
     return results
 
 

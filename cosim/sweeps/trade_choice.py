@@ -17,7 +17,7 @@ class Requirement:
     """Requirement of a candidate; None: no bound.
 
     Args:
-        budget: least real-time factor.
+        budget: least real-time factor of a command.
         tolerance_m: largest error of the tip and of movable objects.
         force_N: largest error of the flange force's moving mean.
     """
@@ -79,6 +79,7 @@ def choice_line(results: Sequence[Measured], requirement: Requirement) -> str:
         return f"No candidate meets {requirement.words}."
     return (
         f"For {requirement.words}: {best.candidate.name} (x{best.real_time_factor:.2f} real time, "
+        f"its loop x{best.loop_factor:.2f}, "
         f"{1e3 * best.position_error_m:.3g} mm, force, {FORCE_MEAN}, {best.force_error_N:.3g} N). "
         f"Run it with: {best.candidate.words}"
     )

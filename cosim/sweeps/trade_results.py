@@ -18,7 +18,8 @@ class Measured:
 
     Args:
         candidate: the candidate.
-        real_time_factor: simulated time over CPU time of the loop.
+        real_time_factor: simulated time over CPU time of the whole command, without error bars.
+        loop_factor: the same of its loop alone.
         iterations: Newton iterations a tick.
         tip_error_m: largest distance from the reference's tip over the run.
         tip_rms_m: its root mean square.
@@ -32,6 +33,7 @@ class Measured:
 
     candidate: Candidate
     real_time_factor: float = np.nan
+    loop_factor: float = np.nan
     iterations: float = np.nan
     tip_error_m: float = np.nan
     tip_rms_m: float = np.nan

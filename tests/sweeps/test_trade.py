@@ -42,11 +42,11 @@ Runs: TypeAlias = Callable[[Scenario, Sequence[Candidate]], list[Measured]]
 def made_up() -> list[Measured]:
     """Return a reference and four candidates with given speeds and errors."""
     changes = {"clock.tick_s": 0.001, "phase.a.duration_s": 1.0}
-    reference = Measured(Candidate("finest", changes, reference=True), 0.1, 2.0, reference=True)
+    reference = Measured(Candidate("finest", changes, reference=True), 0.1, 0.2, 2.0, reference=True)
     rows = [
         Measured(
             Candidate(f"{name}, 1 ms, 1 tangent", changes),
-            factor, 2.0, error, error, error, force_error_N=10.0 * error, contact_error_N=0.3,
+            factor, 9.0, 2.0, error, error, error, force_error_N=10.0 * error, contact_error_N=0.3,
         )
         for name, factor, error in MADE_UP
     ]  # fmt: skip
@@ -164,8 +164,8 @@ def test_budgets_and_tolerances_have_units() -> None:
 def test_the_table_and_the_picture(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     table = markdown("made up", made_up())
-    assert "| * | middle, 1 ms, 1 tangent | 4.00 | 5 | 5 | 5 | 0.05 | 0.3 | 2.00 |" in table
-    assert "| ref | finest | 0.10 |" in table
+    assert "| * | middle, 1 ms, 1 tangent | 4.00 | 9.00 | 5 | 5 | 5 | 0.05 | 0.3 | 2.00 |" in table
+    assert "| ref | finest | 0.10 | 0.20 |" in table
     assert "failed: ConvergenceError: no |" in table
     draw("made up", made_up(), tmp_path / "trade.png")
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
@@ -236,7 +236,7 @@ def test_errors_shrink_with_the_tick_at_the_integrators_order(runs: Runs) -> Non
     assert euler.force_error_N / half_euler.force_error_N == pytest.approx(2.0, abs=0.25)
     assert bdf2.force_error_N < 0.1 * euler.force_error_N
     for result in results:
-        assert result.real_time_factor > 0.0
+        assert result.loop_factor > result.real_time_factor > 0.0  # a command also starts and builds
         assert np.isfinite([result.tip_error_m, result.end_error_m, result.force_error_N]).all()
         assert result.tip_error_m >= result.tip_rms_m
     assert not results[0].comparable
@@ -295,7 +295,11 @@ def test_objects_that_can_move_are_compared() -> None:
     still = {name: [[0.0, 0.0, 0.0]] * 2 for name in ("tip_m", "force_N", "end_tip_m")}
     places = [[[0.0, 0.0, 0.0]]] * 2, [[[0.0, 0.0, 0.0]], [[0.0, 0.3, 0.4]]]
     rows = [
-        Row("completed", None, {"real_time_factor": 1.0, "iterations": 1.0, "curves": curves})
+        Row(
+            "completed",
+            None,
+            {"real_time_factor": 1.0, "loop_factor": 2.0, "iterations": 1.0, "curves": curves},
+        )
         for curves in ({**still, "contact_N": [0.0, 0.0], "objects_m": each} for each in places)
     ]
     candidates = Candidate("reference", {}, reference=True), Candidate("other", {})
