@@ -52,12 +52,17 @@ def compile_kernels(kernels: Iterable[Any]) -> None:
         kernels: kernels; plain Python functions among them are ignored.
     """
     distinct = [kernel for kernel in dict.fromkeys(kernels) if hasattr(kernel, "fixed_signature")]
-    missing = [kernel for kernel in distinct if not (kernel.overloads or _is_on_disk(kernel))]
+    missing = [kernel for kernel in distinct if not is_ready(kernel)]
     if missing:
         with _announced():
             _compile_in_parallel(missing)
             for kernel in missing:
                 kernel.compile(kernel.fixed_signature)
+
+
+def is_ready(kernel: Any) -> bool:
+    """Return whether a kernel is compiled, in this process or on disk."""
+    return bool(kernel.overloads) or _is_on_disk(kernel)
 
 
 def compile_called(kernel: Any, compile_as: Callable[[Any], Any], asked: Any) -> Any:

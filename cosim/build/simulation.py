@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, final
 from cosim.base.kept_parts import KeptParts, name_of
 from cosim.build import options
 from cosim.build.decisions import contact_decision, decisions, finer_steps, largest_pressure
+from cosim.build.first_kernels import compile_first
 from cosim.build.run_info import stage_of
 from cosim.build.soft_model import SoftModel
 from cosim.config import plugins, several_arms
@@ -89,6 +90,8 @@ def build(
     kept = KeptParts() if kept is None else kept
     plugins.note_kinds(scenario)
     model = SoftModel(scenario, kept, body, tell)
+    if model.section is None:
+        compile_first(scenario, model.body)
     soft = model.side()
     actuation = Actuation(scenario, soft.body, controllers)
     arranged = (

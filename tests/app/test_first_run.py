@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import cosim
+from cosim.build import first_kernels
 from cosim.cli.screen import logged_to
 from tests.base.forked_python import run_forked
 from tests.compiled import all_modules
@@ -67,6 +68,8 @@ def check_runs(folder: Path) -> None:
     curled = cosim.run("gripper_closes_on_itself", overrides=CURL).summary
     assert curled["max_self_contact_force_N"] > 1.0
     assert_own_arguments()
+    together = *first_kernels.FILM, *first_kernels.IN_MOTION, *first_kernels.FRAMES, *first_kernels.FILMS_MEET
+    assert [kernel.__name__ for kernel in together if not kernel.signatures] == []
 
 
 def assert_own_arguments() -> None:
@@ -85,6 +88,21 @@ def test_kernels_are_compiled_for_their_arguments(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_a_first_run_compiles_long_kernels_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, asked = tmp_path / "press.toml", list[str]()
+    path.write_text(PRESS, encoding="utf-8")
+    monkeypatch.setattr(first_kernels, "is_ready", lambda kernel: False)
+    monkeypatch.setattr(
+        first_kernels, "compile_kernels", lambda kernels: asked.extend(kernel.__name__ for kernel in kernels)
+    )
+    cosim.Simulation(cosim.load_scenario(path))
+    assert {"add_membranes", "substitute_singly", "add_beam_rings", "fill_over", "points_near"} <= {*asked}
+    asked.clear()
+    cosim.Simulation(cosim.load_scenario(path, {"contact.self_contact": False}))
+    assert "add_membranes" in asked
+    assert "fill_over" not in asked
 
 
 def test_every_kernel_is_one_that_is_compiled_by_warming_up() -> None:
