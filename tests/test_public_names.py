@@ -74,7 +74,7 @@ EXPECTED = {
 }
 HEAVY = ("numpy", "scipy", "numba", "mujoco", "pinocchio", "rerun")
 NEVER = ("rerun", "matplotlib", "scipy.optimize", "scipy.interpolate", "scipy.spatial", "scipy.stats")
-"""What takes long to load, and neither a check nor a run without a recording needs."""
+"""What takes long to load, and neither a check, nor a plan, nor a run without a recording needs."""
 
 
 def test_exactly_these_names_are_public() -> None:
@@ -133,6 +133,7 @@ def test_wrong_input_is_refused_without_loading_an_engine() -> None:
     ("arguments", "unneeded"),
     [
         (["check", "ur5e_hexagon_arm"], (*NEVER, "scipy.linalg", "pandas", "cosim.soft.solve.newton")),
+        (["export-path", "ur5e_hexagon_arm", "path.csv", "--whole"], NEVER),  # plans tip targets
         (["run", "three_unit_inflation", "--quiet", "--no-error", "--no-recording"], NEVER),
     ],
 )

@@ -34,15 +34,18 @@ class _TensionChange:
         return sensitivity.tip, sensitivity.to_tension()
 
     def step(self, equilibrium: Equilibrium, matrix: Array, missing: Array, bound: float) -> Array:
-        from scipy.optimize import lsq_linear  # imported here because it takes long to load
-
         tension = np.array(equilibrium.loads.cable_tension_N)
         # a small regularisation decides among equivalent tensions
         regularisation = 1e-6 * np.linalg.norm(matrix) * np.eye(len(tension))
-        lower = np.maximum(-tension, -bound * _LARGEST_CHANGE_N)
-        upper = np.minimum(np.maximum(self.tension_max_N - tension, 0.0), bound * _LARGEST_CHANGE_N)
+        lower = np.maximum(-tension, -bound * _LARGEST_CHANGE_N) - 1e-12
+        upper = np.minimum(np.maximum(self.tension_max_N - tension, 0.0), bound * _LARGEST_CHANGE_N) + 1e-12
         problem = np.concatenate([matrix, regularisation]), np.concatenate([missing, np.zeros(len(tension))])
-        return np.asarray(lsq_linear(*problem, bounds=(lower - 1e-12, upper + 1e-12)).x)
+        free = np.linalg.lstsq(*problem, rcond=-1)[0]
+        if ((free >= lower) & (free <= upper)).all():
+            return np.asarray(free)
+        from scipy.optimize import lsq_linear  # here: few steps meet a bound, and it takes long to load
+
+        return np.asarray(lsq_linear(*problem, bounds=(lower, upper)).x)
 
     def size(self, change: Array) -> float:
         return float(np.abs(change).max(initial=0.0)) / _LARGEST_CHANGE_N
