@@ -299,8 +299,10 @@ def test_recorded_episodes_are_what_was_observed_and_done(tmp_path: Path) -> Non
         assert row["action"] == pytest.approx(action)
         assert row["next.reward"] == pytest.approx(reward)
         assert (row["next.done"], row["next.success"]) == (False, False)
-    features = json.loads((tmp_path / "meta/info.json").read_text())["features"]
-    assert features["action"]["names"][0].startswith("flange velocity along x")
+    info = json.loads((tmp_path / "meta/info.json").read_text())
+    assert info["fps"] == 50
+    assert [row["timestamp"] for row in rows] == pytest.approx([0.0, 0.02, 0.04, 0.0, 0.02])
+    assert info["features"]["action"]["names"][0].startswith("flange velocity along x")
 
 
 def test_a_step_takes_few_calls() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.frames import Array, Pose
+from cosim.coupling.robots.film_robot import FilmRobot
 from cosim.errors import InputError
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
@@ -17,12 +18,13 @@ from cosim.soft.elements.material import Film
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
 from cosim.soft.solve.sensitivity import Sensitivity
 from cosim.soft.solve.state import SoftState
 from cosim.soft.solve.step_scheme import StepOptions
 from cosim.soft.solve.time_step import Stepper
 from tests.derivatives import RELATIVE, dense, derivative_errors
-from tests.soft.bodies import HANGING, held, hexagon_arm, hung
+from tests.soft.bodies import HANGING, held, hexagon_arm, hung, no_load
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.2, 0.1, 0.05]])
 NO_WEIGHT = (0.0, 0.0, 0.0)
@@ -203,6 +205,19 @@ def test_a_cable_let_out_by_its_length_loses_on_the_way_back() -> None:
     assert min(lost for _, lost in found.values()) > 0.0
     # two eyelets at 0.8: what is felt at the base end is far less as the cable is let out
     assert found[3.9e-3][0] < 0.8 * found[4e-3][0]
+
+
+def test_a_shape_alone_is_a_start_whose_cables_have_slid_to_the_base() -> None:
+    body = directed(3)
+    specimen, pull = held(body), no_load(body, pressure_Pa=(30e3,), cable_tension_N=(8.0, 0.0))
+    here = specimen.equilibrium.follow(hung(specimen, pressure_Pa=(30e3,)), HANGING, pull)
+    arm = FilmRobot(body, HANGING, NewtonOptions(), StepOptions())
+    shape = here.state.positions
+    again = arm.find_rest(arm.state_at_rest(shape, HANGING), HANGING, pull, 100)
+    assert again.state.positions == pytest.approx(shape, abs=1e-6)
+    cable = body.cables[0]
+    anchors = again.state.memory[body.memory_slices[body.elements.index(cable)]]
+    assert tensions(8.0, cable, shape, anchors) == pytest.approx(8.0 * cable.tension_ratio(shape), rel=1e-6)
 
 
 def test_the_tip_follows_a_change_of_tension_as_sensitivities_say() -> None:
