@@ -10,6 +10,7 @@ from cosim.telemetry.energy_figures import KINETIC
 
 DONE, DAMPED, DRAGGED, FALLING, RESISTED, COLUMNS = range(KINETIC + 1, KINETIC + 7)
 """Indices of the sums of a tick after the kinetic energy, and their number."""
+_THIRD, _FOUR_THIRDS = 1.0 / 3.0, 4.0 / 3.0
 
 
 class Pace(NamedTuple):
@@ -28,7 +29,7 @@ class Pace(NamedTuple):
     gravity: Vector
 
 
-@kernel
+@kernel(reorder_sums=True)
 def fill_motion(
     x: Blocks, mass: Vector, twist: Matrix, origin: Matrix, pace: Pace, motion: Blocks, out: Matrix
 ) -> None:
@@ -48,17 +49,17 @@ def fill_motion(
     """
     for t in range(x.shape[0]):
         both = pace.two_steps and pace.before + t > 0
-        span = 2.0 * pace.h / 3.0 if both else pace.h
+        per_s = (1.5 if both else 1.0) / pace.h  # divisions would take half of the time
         kinetic = done = damped = dragged = falling = 0.0
         for i in range(x.shape[1]):
             for r in range(3):
                 j, k = (r + 1) % 3, (r + 2) % 3
                 base, speed = motion[0, i, r], motion[2, i, r]
                 if both:
-                    base = (4.0 * base - motion[1, i, r]) / 3.0
-                    speed = (4.0 * speed - motion[3, i, r]) / 3.0
-                v = (x[t, i, r] - base) / span
-                a = (v - speed) / span
+                    base = _FOUR_THIRDS * base - _THIRD * motion[1, i, r]
+                    speed = _FOUR_THIRDS * speed - _THIRD * motion[3, i, r]
+                v = (x[t, i, r] - base) * per_s
+                a = (v - speed) * per_s
                 u = twist[t, r] + twist[t, 3 + j] * (x[t, i, k] - origin[t, k])
                 u -= twist[t, 3 + k] * (x[t, i, j] - origin[t, j])
                 went, along = x[t, i, r] - motion[0, i, r], motion[5, i, r]
