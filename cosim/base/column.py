@@ -184,11 +184,11 @@ class Column:
     def __get__(self, held: Columns | None, owner: type) -> Any:
         return self if held is None else held.value_of(self)
 
-    def shape(self, rows: int, sizes: Mapping[str, int]) -> tuple[int, ...] | None:
-        """Return the shape of some rows, with the sizes of their axes by name; None where one is unknown."""
+    def shape(self, sizes: Mapping[str, int]) -> tuple[int, ...] | None:
+        """Return the shape of a row, with the sizes of axes by name; None where one is unknown."""
         along = [int(axis) if axis.isdigit() else sizes.get(axis) for axis in self.axes[1:]]
         known = [size for size in along if size is not None]
-        return (rows, *known) if len(known) == len(along) else None
+        return tuple(known) if len(known) == len(along) else None
 
     def components(self, names: Mapping[str, Sequence[str]], shape: tuple[int, ...]) -> list[str]:
         """Return a name for every number of a row, such as "tool.x"; none for a column of single numbers.
@@ -229,9 +229,9 @@ def room_for(kind: type, sizes: Mapping[str, int]) -> Callable[[int], dict[str, 
     """
     known = []
     for name, column in columns_of(kind).items():
-        shape = None if column.read else column.shape(0, sizes)
+        shape = None if column.read else column.shape(sizes)
         if shape is not None:
-            known.append((name, shape[1:], column.fill))
+            known.append((name, shape, column.fill))
     filled = [(name, fill) for name, _, fill in known if fill]
 
     def room(rows: int) -> dict[str, NDArray[Any]]:
@@ -255,10 +255,11 @@ def check_arrays(
     if arrays.keys() != stored.keys():
         raise InputError(f"{place} has {', '.join(arrays)}, not {', '.join(stored)}")
     for name, column in stored.items():
-        array, wanted = arrays[name], column.shape(rows, sizes)
+        array, row = arrays[name], column.shape(sizes)
         if column.fill.dtype.kind != array.dtype.kind:
             raise InputError(f"{place}.{name} holds {array.dtype}, not {type(column.fill).__name__}")
-        if len(array) != rows or (wanted is not None and array.shape != wanted):
+        wanted = (rows, *(array.shape[1:] if row is None else row))
+        if array.shape != wanted:
             raise InputError(f"{place}.{name} has shape {array.shape}, not {wanted}")
 
 
