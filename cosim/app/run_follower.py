@@ -12,6 +12,7 @@ from cosim._version import __version__
 from cosim.app.array_recorder import ArrayRecorder
 from cosim.app.checkpoint import CheckpointKeeper, Origin
 from cosim.app.run_files import RECORDING, RunFiles
+from cosim.base import compile_time
 from cosim.config.schema.scenario import Scenario
 from cosim.config.schema.settings import RecordingTable
 from cosim.errors import SolverError
@@ -175,7 +176,7 @@ class RunFollower:
 
     def _complete_files(self, ending: Termination, wall_s: float, errors: RunErrors | None) -> dict[str, Any]:
         """End the recording, write the summary, and return its figures."""
-        figures = self._summary.finish(ending.status, ending.reason, wall_s, errors)
+        figures = self._summary.finish(ending.status, ending.reason, wall_s, errors, compile_time.take_s())
         try:
             if errors is not None and errors.phases:
                 self._recorder.mark_errors(errors.phases)

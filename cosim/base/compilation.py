@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numba
 
+from cosim.base import compile_time
 from cosim.base.numba_insides import KNOWN
 
 _SLOW: Final = "" if KNOWN else f" numba {numba.__version__} is not 0.68: half as long again."
@@ -88,7 +89,7 @@ def _announced() -> Iterator[None]:
         logging.getLogger("cosim").warning(ANNOUNCEMENT)
     _Compiling.now = True
     try:
-        with _rare_collections():
+        with _rare_collections(), compile_time.counted():
             yield
     finally:
         _Compiling.now, _Compiling.last_s = False, time.monotonic()

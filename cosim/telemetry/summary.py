@@ -191,7 +191,12 @@ class SummaryBuilder:
         return batch
 
     def finish(
-        self, status: Status, reason: str | None, wall_s: float, errors: RunErrors | None = None
+        self,
+        status: Status,
+        reason: str | None,
+        wall_s: float,
+        errors: RunErrors | None = None,
+        compiling_s: float = 0.0,
     ) -> dict[str, Any]:
         """Return the summary, ready for JSON (numbers that are not finite become None).
 
@@ -200,6 +205,7 @@ class SummaryBuilder:
             reason: why it was interrupted or failed; None for a completed run.
             wall_s: wall time from the first snapshot to the end, of all parts of the run.
             errors: error bars; None: not requested.
+            compiling_s: wall time that kernels were compiled.
         """
         if self._state.last is not None:
             self._close_phase(complete=status == "completed")
@@ -219,6 +225,7 @@ class SummaryBuilder:
             "startup_s": self._startup_s,
             "wall_s": wall_s,
             "command_s": self._startup_s + wall_s + errors.wall_s,
+            "compiling_s": compiling_s,
             "simulated_s": simulated_s,
             "real_time_factor": simulated_s / wall_s if wall_s > 0.0 else None,
             "ticks": last.tick if last is not None else 0,

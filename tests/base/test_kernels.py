@@ -10,7 +10,7 @@ import numba
 import numpy as np
 import pytest
 
-from cosim.base import compilation, numba_insides
+from cosim.base import compilation, compile_time, numba_insides
 from cosim.base.frames import Array, IntArray
 from cosim.base.kernel_types import Indices, Matrix, Vector, empty_of
 from cosim.base.kernels import (
@@ -115,11 +115,14 @@ def test_first_calls_are_announced_once(caplog: pytest.LogCaptureFixture, monkey
         return factor * x
 
     monkeypatch.setattr(compilation._Compiling, "last_s", -np.inf)
+    compile_time.take_s()
     first, second = kernel(tripled), kernel(tripled)  # a closure is not kept
     assert (first(2.0), second(2.0), first(3.0)) == (6.0, 6.0, 9.0)
     assert [(record.levelno, record.message) for record in caplog.records] == [
         (logging.WARNING, compilation.ANNOUNCEMENT)
     ]
+    assert compile_time.take_s() > 0.0
+    assert (first(2.0), compile_time.take_s()) == (6.0, 0.0)
 
 
 def test_what_is_compiled_ahead_is_not_announced_again(caplog: pytest.LogCaptureFixture) -> None:

@@ -15,7 +15,7 @@ from cosim.cli.main import main
 from cosim.recording.recorder import RecordingPart
 from tests.cli.test_run import REFERENCE, NotingRecorder, files_in, summary_of
 
-WALL = {"startup_s", "wall_s", "command_s", "real_time_factor", "resumed_at_ticks"}
+WALL = {"startup_s", "wall_s", "command_s", "compiling_s", "real_time_factor", "resumed_at_ticks"}
 
 
 def figures(directory: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import StabilityReport
 from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.summary import SummaryBuilder
-from cosim.telemetry.texts.closing_lines import error_line
+from cosim.telemetry.texts.closing_lines import closing_lines, error_line
 from cosim.telemetry.texts.summary_markdown import summary_markdown
 from tests.ticks import changed
 
@@ -42,6 +42,14 @@ def test_the_summary_adds_up(summary: dict[str, Any]) -> None:
     assert summary["max_interface_power_error_W"] == pytest.approx(25e-6)
     assert summary["real_time_factor"] == pytest.approx(25 * 0.004 / 0.01)
     assert summary["command_s"] == pytest.approx(1.5 + 0.01)
+
+
+def test_the_last_line_tells_what_the_user_has_waited_for(summary: dict[str, Any]) -> None:
+    (line,) = (line for line in closing_lines(summary, Path("runs/a"), []) if line.startswith("files: "))
+    assert line.endswith("completed, 0.10 s in 1.51 s (start 1.5 s, ticks 0.0 s; x0.07 real time)")
+    first = summary | {"command_s": 40.0, "startup_s": 39.99, "compiling_s": 38.4}
+    (line,) = (line for line in closing_lines(first, Path("runs/a"), []) if line.startswith("files: "))
+    assert "(start 40.0 s, ticks 0.0 s, 38 s of it compiling, once per machine; x0.00 real time)" in line
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -15,6 +15,8 @@ _ITSELF: Final = "contact with itself"
 _NAMED: Final = 3
 """Phases in a line by their names; the others are counted."""
 _WIDTH: Final = len("stability: ")
+_LEAST_COMPILING_S: Final = 1.0
+"""Time spent on compiling kernels from which it is told."""
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
@@ -117,6 +119,8 @@ def files_line(summary: dict[str, Any], directory: Path, recordings: Sequence[Pa
     factor = summary["simulated_s"] / command_s if command_s > 0.0 else 0.0
     spent = [f"start {summary['startup_s']:.1f} s", f"ticks {summary['wall_s']:.1f} s"]
     spent += [f"error bars {bars_s:.1f} s"] if bars_s > 0.0 else []
+    if summary["compiling_s"] >= _LEAST_COMPILING_S:
+        spent.append(f"{summary['compiling_s']:.0f} s of it compiling, once per machine")
     names = ["summary.json", *(path.name for path in recordings[-1:])]
     view = f"; open it: cosim view {directory}" if recordings else ""
     return (
