@@ -1,16 +1,20 @@
-"""Builds the section model of a soft robot, or reads it from the cache, and checks its error against the
-film.
+"""Builds the section model of a soft robot, or reads it from the package or the cache, and checks its error
+against the film. The package has those of the scenarios in `SHIPPED`, in files named by what the robot's file
+says: `python benchmarks/section_models.py` makes them again.
 """
 
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
+from typing import Final
 
 from cosim.base import caches, identity, state_file
 from cosim.build import soft_body
 from cosim.config.rules import file_of
 from cosim.config.schema.scenario import Scenario
-from cosim.errors import ConvergenceError, ScenarioError
+from cosim.errors import ConvergenceError, InputError, ScenarioError
 from cosim.reduced.fitting import METHOD, LARGEST_PRESSURE_Pa, build_model
 from cosim.reduced.section_model import SectionModel
 from cosim.soft.body.body import SoftBody
@@ -19,6 +23,10 @@ from cosim.soft.elements.hinge import CLOSED_FRACTION
 from cosim.soft.solve.self_contact import FilmContactLaw
 from cosim.stepping.film_contact import film_law, film_pairs
 
+SHIPPED: Final = ("ur5e_hexagon_arm",)
+"""Scenarios whose section model comes with cosim."""
+FOLDER: Final = Path(__file__).resolve().parents[1] / "section_models"
+"""Of the section models that come with cosim."""
 _MOST_OFF = 0.05  # largest distance of the model's tip from the film's, as a fraction of the length
 _MARGIN = 1.1  # of the model's largest pressure over that of the scenario
 
@@ -26,7 +34,7 @@ _MARGIN = 1.1  # of the model's largest pressure over that of the scenario
 def section_model(
     scenario: Scenario, tell: Callable[[str], None] = lambda text: None, body: SoftBody | None = None
 ) -> SectionModel:
-    """Return the section model of a scenario's soft robot, from disk or newly built.
+    """Return the section model of a scenario's soft robot, from the package, from disk or newly built.
 
     Args:
         scenario: checked, with fidelity = "section".
@@ -54,7 +62,7 @@ def section_model(
         return _built(scenario, body, largest, films)
 
     name = f"{content_hash(body, largest, films)}{fold}"
-    model = state_file.load_or_make(caches.SECTION_MODELS, name, SectionModel, built)
+    model = _shipped(scenario) or state_file.load_or_make(caches.SECTION_MODELS, name, SectionModel, built)
     if math.isinf(model.tip_error):
         raise ScenarioError(
             "fidelity",
@@ -69,6 +77,32 @@ def section_model(
             f"length, more than {_MOST_OFF:.0%}, at loads that were not fitted; use fidelity = 'lumped'",
         )
     return model
+
+
+def shipped_path(scenario: Scenario) -> Path:
+    """Return where the package has the section model of a scenario's soft robot, if it has it.
+
+    The name is a digest of the robot's table and of all options that the model depends on, not of computed
+    numbers, which other machines round in another way.
+
+    Raises:
+        TypeError: the table has values of a user's code.
+    """
+    robot = file_of(scenario, "a section model")
+    table, folds = replace(robot, copies=None, palm=None), robot.copies is not None
+    name = identity.content_name(
+        METHOD, CLOSED_FRACTION, largest_covered(scenario), table, scenario.model, film_law(scenario), folds
+    )
+    return FOLDER / f"{name}.npz"
+
+
+def _shipped(scenario: Scenario) -> SectionModel | None:
+    """Return the section model that the package has for a scenario's soft robot; None if it has none."""
+    with suppress(TypeError, InputError):  # a user's code, or another version of cosim
+        path = shipped_path(scenario)
+        model = state_file.load(path) if path.is_file() else None
+        return model if isinstance(model, SectionModel) else None
+    return None
 
 
 def _built(

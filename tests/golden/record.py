@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import tempfile
 import time
@@ -21,16 +20,11 @@ NUDGES: tuple[runs.Nudge, ...] = (
 
 
 def timed(name: str, nudge: runs.Nudge) -> tuple[Figures, float]:
-    """Return the figures of a run, and its CPU time [s]; keep the section model if it was built."""
+    """Return the figures of a run, and its CPU time [s]."""
     with tempfile.TemporaryDirectory() as made:
         began = time.process_time()
         figures = runs.figures_of(name, Path(made), nudge=nudge)
         took = time.process_time() - began
-        newest = max(Path(made).glob("cache/cosim/section_models/*"), key=lambda path: path.stat().st_mtime)
-        if not (runs.SECTION_MODEL / newest.name).exists():
-            shutil.rmtree(runs.SECTION_MODEL)
-            runs.SECTION_MODEL.mkdir()
-            shutil.copy(newest, runs.SECTION_MODEL)
     return figures, took
 
 

@@ -19,7 +19,6 @@ from cosim.cli.main import main
 from tests.golden.figures import Figures, flat, of_recording, of_result
 
 HERE: Final = Path(__file__).resolve().parent
-SECTION_MODEL: Final = HERE / "section_model"
 PUBLISHED: Final[dict[str, Any]] = {"model.published": True}
 SLIDING: Final[dict[str, Any]] = {
     "object.table.friction": 0.5, "phase.slide.ramp": "linear", "phase.slide.settle_s": 0.0,
@@ -205,11 +204,10 @@ def figures_of(name: str, folder: Path, changes: Changes = UNCHANGED, nudge: Nud
 
     Args:
         name: of the run.
-        folder: empty; for its results in `run`, and for caches, which have the section model of the tests.
+        folder: empty; for its results in `run`, and for caches.
         changes: further values by key path.
         nudge: of the start [m].
     """
-    shutil.copytree(SECTION_MODEL, folder / "cache/cosim/section_models")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
         return RUNS[name](folder / "run", changes, nudge)
