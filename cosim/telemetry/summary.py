@@ -24,6 +24,7 @@ from cosim.telemetry.figures.phase_figures import (
 from cosim.telemetry.figures.stability_figures import joined_branchings, stability_figures, with_rest
 from cosim.telemetry.figures.tip_path_figures import TipPathFigures
 from cosim.telemetry.figures.touched import TouchedFigures, hit_warnings
+from cosim.telemetry.longer_tick import longer_tick_s
 from cosim.telemetry.phase_ends import PhaseEnds, PhaseEndsBuilder
 from cosim.telemetry.run_errors import RunErrors
 from cosim.telemetry.run_info import RunInfo
@@ -238,7 +239,12 @@ class SummaryBuilder:
             "section_model": stage.section_model,
             "modelled": [vars(decision) for decision in stage.modelled],
             "expected_error": stage.expected_error,
-            "error": {"reason": errors.reason, "iterations": errors.iterations, "wall_s": errors.wall_s},
+            "error": {
+                "reason": errors.reason,
+                "iterations": errors.iterations,
+                "wall_s": errors.wall_s,
+                "longer_tick_s": longer_tick_s(phases, stage.tick_s),
+            },
             "branchings": state.branchings,
             "overlaps": state.overlaps,
             "objects": state.objects.figures(stage.objects),

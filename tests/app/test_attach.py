@@ -73,8 +73,7 @@ def test_a_foreign_loop_around_a_scene_is_the_simulation_to_the_bit(steps: int) 
     node_kg = 0.02 if steps == 1 else 0.015  # up to a ratio of 1 all of it is carried
     heavy = {"soft_robot.mass.node_mass_kg": node_kg, "solver.damping_per_s": 2.0, "start.pressure_Pa": 5e3}
     changes: dict[str, Any] = {"soft_robot": ROBOT, "phase": [], "start.cable_tension_N": [], **heavy}
-    if steps > 1:
-        changes |= {"object": [BALL], "clock.tick_s": 0.004}
+    changes |= {"clock.tick_s": 0.004, "object": [BALL] if steps > 1 else []}
     simulation = cosim.Simulation("ur5e_hexagon_arm", overrides=changes)
     carrier: Any = stepped_run(simulation)._parts.carrier
     inside = carrier._scene

@@ -37,7 +37,7 @@ def test_each_fault_is_a_line_and_a_later_file_is_still_checked(
     wrong, broken = tmp_path / "wrong.toml", tmp_path / "broken.toml"
     text = scenario_path("ur5e_hexagon_arm").read_text(encoding="utf-8")
     wrong.write_text(
-        text.replace("tick_s = 0.004", "tick_ms = 2").replace("schema = 2", "schema = 2\narm_base = 1")
+        text.replace("tick_s = 0.01 ", "tick_ms = 2 ").replace("schema = 2", "schema = 2\narm_base = 1")
     )
     broken.write_text("schema = ")
     assert main(["check", str(wrong), str(broken), "sealed_arm"]) == 2

@@ -118,7 +118,7 @@ def test_pydantic_is_imported_only_where_a_file_is_read(arguments: list[str]) ->
 def test_a_file_is_read_with_the_same_faults_as_overrides(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     text = scenario_path(REFERENCE).read_text(encoding="utf-8")
-    path.write_text(text.replace("tick_s = 0.004", "tick_s = 0").replace("settle_s", "setle_s", 1))
+    path.write_text(text.replace("tick_s = 0.01 ", "tick_s = 0").replace("settle_s", "setle_s", 1))
     assert [place for place, _ in refusal({}, path).faults] == ["phase.hang.setle_s", "clock.tick_s"]
 
 

@@ -276,5 +276,5 @@ def test_an_open_mesh_beside_the_scenario_is_refused(
 def test_units_are_recognised_in_files_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = scenario_path(REFERENCE).read_text(encoding="utf-8")
     path = tmp_path / "mine.toml"
-    path.write_text(text.replace("tick_s = 0.004", "tick_ms = 2"), encoding="utf-8")
+    path.write_text(text.replace("tick_s = 0.01 ", "tick_ms = 2"), encoding="utf-8")
     assert "clock.tick_ms: unknown key" in refused(["run", str(path)], tmp_path, capsys)

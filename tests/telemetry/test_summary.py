@@ -17,17 +17,19 @@ from cosim.base.columns import TickColumns
 from cosim.config.loading import load_scenario
 from cosim.soft.solve.branching import StabilityReport
 from cosim.telemetry.film_shapes import FilmShapes
+from cosim.telemetry.longer_tick import longer_tick_s
 from cosim.telemetry.summary import SummaryBuilder
 from cosim.telemetry.texts.closing_lines import closing_lines, error_line
 from cosim.telemetry.texts.summary_markdown import summary_markdown
 from tests.ticks import changed
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "summary.md"
+TICK = {"clock.tick_s": 4e-3}
 
 
 @pytest.fixture
 def summary(made_up_build: Callable[..., Any]) -> dict[str, Any]:
-    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm", TICK))
     builder = SummaryBuilder(simulation.stage, startup_s=1.5, version="0")
     for batch in simulation.batches():
         builder.observe(batch)
@@ -56,7 +58,7 @@ def test_the_last_line_tells_what_the_user_has_waited_for(summary: dict[str, Any
 def test_power_that_vanishes_counts_like_power_that_appears(
     sign: float, made_up_build: Callable[..., Any]
 ) -> None:
-    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm", TICK))
     builder = SummaryBuilder(simulation.stage, 0.0, "0")
     for snapshot in simulation.steps():
         error_W = sign * 1e-6 * snapshot.tick
@@ -82,7 +84,7 @@ def test_targets_appear_only_where_there_is_one(summary: dict[str, Any]) -> None
 
 
 def test_numbers_that_are_not_finite_become_null(made_up_build: Callable[..., Any]) -> None:
-    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+    simulation = made_up_build()(load_scenario("ur5e_hexagon_arm", TICK))
     builder = SummaryBuilder(simulation.stage, 0.0, "0")
     first = next(simulation.steps())
     figures = replace(first.table.film.figures, center_line_m=np.array([np.nan]))
@@ -123,7 +125,7 @@ def test_the_markdown_has_a_row_for_each_bound_of_the_arm(summary: dict[str, Any
 
 def test_a_run_warns_of_a_mode_that_ticks_do_not_let_swing(made_up_build: Callable[..., Any]) -> None:
     def warnings(frequency_Hz: float, numerical: float) -> list[str]:
-        simulation = made_up_build()(load_scenario("ur5e_hexagon_arm"))
+        simulation = made_up_build()(load_scenario("ur5e_hexagon_arm", TICK))
         stage = replace(simulation.stage, decay=lambda _, own: (1.0 + own, numerical))
         builder = SummaryBuilder(stage, 0.0, "0")
         for snapshot in simulation.steps():
@@ -150,3 +152,24 @@ def test_why_phases_have_no_bar_is_said_for_each_reason() -> None:
         "tip 1 mm ('a'); no bar in 'b', 'c', 'd' and 1 more: it touches something; "
         "no bar in 'f': it branches in it"
     )
+
+
+def test_a_longer_tick_is_named_if_its_error_is_far_below_that_of_the_mesh() -> None:
+    def named(of_tick_m: float, tick_s: float = 2e-3, end_s: float = 2.0, reason: str | None = None) -> str:
+        parts = {"of_mesh": {"tip_m": 4e-3}, "of_tick": {"tip_m": of_tick_m} if of_tick_m else {}}
+        figures = dict.fromkeys(("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain"))
+        phases = [
+            {"name": "hang", "end_s": 1.0, "error": None},
+            {"name": "lift", "end_s": end_s, "error": figures | parts | {"reason": reason}},
+        ]
+        longer_s = longer_tick_s(phases, tick_s)
+        return error_line({"phases": phases, "error": {"reason": None, "longer_tick_s": longer_s}})
+
+    assert "tick_s = 0.01 " in named(8e-6), "25 times 8 um are a twentieth of 4 mm"
+    assert "tick_s = 0.008 " in named(8.1e-6)
+    assert "tick_s = 0.004 " in named(49e-6)
+    assert "tick_s = 0.004 " in named(8e-6, end_s=2.012), "phases of 500 and 506 ticks"
+    assert "tick_s" not in named(51e-6)
+    assert "tick_s" not in named(1e-9, tick_s=6e-3), "bars of longer ticks were not compared with errors"
+    assert "tick_s" not in named(8e-6, reason="it touches something")
+    assert "tick_s" not in named(0.0), "statics have no ticks"

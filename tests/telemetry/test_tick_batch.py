@@ -33,7 +33,7 @@ def snapshots(fidelity: str) -> list[Snapshot]:
     """Return ticks in which the flange and the pressure move; nobody has read their shapes."""
     phase = {"name": "inflate", "duration_s": 0.02, "increments": 8, "pressure_Pa": 3e3}
     turn = phase | {"name": "turn", "flange_turn": {"axis": [0.0, 1.0, 0.0], "angle_rad": -0.01}}
-    overrides = {"model.published": True, "fidelity": fidelity, "phase": [phase, turn]}
+    overrides = {"model.published": True, "fidelity": fidelity, "phase": [phase, turn], "clock.tick_s": 4e-3}
     return list(islice(build_simulation(load_scenario("ur5e_hexagon_arm", overrides)).steps(), 1, 16))
 
 

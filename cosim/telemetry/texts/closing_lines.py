@@ -101,7 +101,9 @@ def error_line(summary: dict[str, Any]) -> str:
     more = [f"no bar in {_some(phases)}: {why}" for why, phases in without.items()]
     reason = summary["error"]["reason"]
     left = [reason if texts else f"not computed: {reason}"] if reason else []
-    return "; ".join([*([", ".join(texts)] if texts else []), *more, *left])
+    longer_s = summary["error"].get("longer_tick_s")
+    would_do = [f"clock.tick_s = {longer_s:g} is short enough for this mesh"] if longer_s else []
+    return "; ".join([*([", ".join(texts)] if texts else []), *more, *left, *would_do])
 
 
 def warnings_line(summary: dict[str, Any]) -> str:
