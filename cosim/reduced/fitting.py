@@ -2,7 +2,6 @@
 with all coefficients as splines over pressure, and compares both at other loads.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final, final
 
@@ -47,8 +46,6 @@ METHOD: Final = 9
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
 _LEAST_TENSION_N = 1.0
-# parts of the sampled bends that are fitted, the next one if the model loses equilibria that its film has
-_FITTED_BENDS = (1.0, 0.75, 0.55, 0.4)
 _COMPARED = (0.2, 0.4, 0.65, 0.9)  # pressures of the comparison over the largest one
 _LEANS_rad = (0.0, 0.4, 0.8)
 _PULL_OF_WEIGHT = 0.5
@@ -365,18 +362,12 @@ def build_model(
     tension = max(_TENSION_OF_WEIGHT * 9.81 * body.mass_kg, _LEAST_TENSION_N)
     work = WorkingRange(spline.pressures(effort.levels), tension, effort.samples)
     samples = Sampler(first, frames, films).collect(work, _SEED)
+    model = fit_model(samples, frames, spline)
     if coarse is not None:
-        model = fit_model(samples, frames, spline)
         frames = replace(RingFrames.of(body), folds=folds)
         finer = Sampler(body, frames, films).finer(samples, places.parents(coarse, body))
         model = fit_model(finer, frames, spline, model)
-        return replace(model, tips=_tips(body, model, films))
-    for part in _FITTED_BENDS:
-        model = fit_model(samples.bent_at_most(part), frames, spline)
-        model = replace(model, tips=_tips(body, model, films))
-        if math.isfinite(model.tip_error):
-            break
-    return model
+    return replace(model, tips=_tips(body, model, films))
 
 
 def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLaw | None) -> Array:

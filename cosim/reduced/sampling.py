@@ -73,24 +73,6 @@ class Samples:
         """Return samples as columns."""
         return cls(length_m, failures, *(np.array(column) for column in zip(*rows, strict=True)))
 
-    def bent_at_most(self, part: float) -> "Samples":
-        """Return the samples in which each section bends by at most a part of its largest bend."""
-        bend = np.hypot(self.strain[:, :, 3], self.strain[:, :, 4])
-        kept = np.zeros(len(bend), dtype=bool)
-        for pressure in np.unique(self.pressure_Pa):
-            at_level = self.pressure_Pa == pressure
-            kept |= at_level & (bend <= part * bend[at_level].max(axis=0)).all(axis=1)
-        rows = (
-            self.pressure_Pa,
-            self.strain,
-            self.force,
-            self.volume_m3,
-            self.frames,
-            self.positions,
-            self.target,
-        )
-        return Samples(self.length_m, self.failures, *(row[kept] for row in rows))
-
 
 @final
 class Sampler:

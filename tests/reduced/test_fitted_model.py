@@ -11,12 +11,9 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.rules import file_of
-from cosim.reduced import fitting
 from cosim.reduced.fitting import Effort, build_model
-from cosim.reduced.section_model import SectionBody, SectionModel
-from cosim.reduced.sections.coefficients import BENT
+from cosim.reduced.section_model import SectionBody
 from cosim.reduced.solve.chain_solver import ChainSolver
-from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.clamp import Clamp
@@ -136,20 +133,3 @@ def test_a_model_of_a_refined_mesh_is_nearer_to_its_film_than_that_of_the_coarse
         assert found.outcome is Outcome.CONVERGED
         off.append(float(np.linalg.norm(found.frames[-1, 0] - film)))
     assert 2.0 * off[1] < off[0]
-
-
-def test_a_model_that_loses_equilibria_is_fitted_to_smaller_bends(monkeypatch: pytest.MonkeyPatch) -> None:
-    film, compared = framed_section().body, list[SectionModel]()
-
-    def tips(_body: SoftBody, model: SectionModel, _films: object) -> Array:
-        compared.append(model)
-        return np.array([[25e3, np.inf if len(compared) < 3 else 1e-4, 0.04]])
-
-    monkeypatch.setattr(fitting, "_tips", tips)
-    model = build_model(film, 33e3, LAW, effort=Effort(levels=6, samples=6, intervals=3))
-    assert model.tip_error == pytest.approx(1e-4 / 0.04)
-    assert [m.samples for m in compared] == sorted({m.samples for m in compared}, reverse=True)
-    at_a_level = model.spline.basis(model.spline.pressures(6)[4])[0]
-    limits = [(at_a_level @ m.energy[:, :, BENT]).mean() for m in compared]
-    assert limits[2] < limits[1] < limits[0]
-    assert model.samples == compared[2].samples
