@@ -1,5 +1,5 @@
-"""Makes the section models that come with cosim again: python benchmarks/section_models.py, a minute of CPU
-time for each. Needed when a test says that one is not that of today's robot, options or method.
+"""Makes the section models that come with cosim again: python benchmarks/section_models.py, two minutes of
+CPU time for each. Needed when a test says that one is not that of today's robot, options or method.
 """
 
 import os

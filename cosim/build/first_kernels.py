@@ -19,7 +19,7 @@ from cosim.soft.elements.membrane import add_membranes
 from cosim.soft.elements.pressure import add_pressure
 from cosim.soft.linear import envelope_kernels
 from cosim.soft.solve.self_contact import describe_pairs
-from cosim.stepping.film_contact import film_law, film_pairs
+from cosim.stepping import film_contact
 
 FILM: Final[tuple[Any, ...]] = (
     add_membranes, add_hinges, add_pressure, envelope_kernels.list_entries, envelope_kernels.factorise,
@@ -45,7 +45,7 @@ def compile_first(scenario: Scenario, body: SoftBody) -> None:
         kernels += IN_MOTION
     if body.of_kind(BeamRings):
         kernels += FRAMES
-    if film_law(scenario) is not None and not is_ready(fill_list) and film_pairs(body):
+    if scenario.touches_itself and not is_ready(fill_list) and film_contact.film_pairs(body):
         kernels += FILMS_MEET
     if scenario.robot != NO_ARM:
         from cosim.rigid.distance.signed_distance import points_near  # here: it loads MuJoCo

@@ -58,7 +58,7 @@ def section_model(
     fold = "_folds" if robot.copies is not None else ""
 
     def built() -> SectionModel:
-        tell(f"Building the section model of {robot.name}: about a minute, once (see cosim cache)")
+        tell(f"Building the section model of {robot.name}: up to two minutes, once (see cosim cache)")
         return _built(scenario, body, largest, films)
 
     name = f"{content_hash(body, largest, films)}{fold}"

@@ -11,7 +11,7 @@ from cosim.base.frames import Array, Mask, Pose
 from cosim.errors import ConvergenceError
 from cosim.reduced.sampling import Sampler, Samples
 from cosim.reduced.section_model import RingFrames, SectionBody, SectionModel
-from cosim.reduced.sections.coefficients import COEFFICIENTS, DEGREES, POLYNOMIAL, STRAIGHT
+from cosim.reduced.sections.coefficients import COEFFICIENTS, DEGREES, POLYNOMIAL
 from cosim.reduced.sections.pressure_spline import PressureSpline
 from cosim.reduced.sections.section_energy import basis
 from cosim.reduced.solve.chain_solver import ChainSolver
@@ -28,10 +28,8 @@ _RIDGE = 1e-5  # penalty on coefficients, scaled by their effect in the samples
 # penalty on corrections of the coarse model by few samples on a refined mesh, and its factor for each degree,
 # as few samples determine high degrees less
 _FINER_RIDGE, _FINER_RISE = 0.1, 3.0
-# weight of second differences over pressure, times the cube of the number of intervals (so of the curvature);
-# less of energies of straight sections, which few samples determine well, and of the first difference, as a
-# film changes most where it has hardly any gas
-_SMOOTHING, _STRAIGHT_SMOOTHING, _FIRST_SMOOTHING = 6e-6, 3e-7, 0.3
+# weight of second differences over pressure; of the first one, where films with little gas hardly resist
+_SMOOTHING, _FIRST_SMOOTHING = 3e-4, 1e-3
 _HELD_OUT = 8  # one of this many samples is left out of the fit, to test it
 _GROUPS: Final = ([0, 1], [2], [3, 4], [5])  # shear, length, bending, twist
 _ALIKE = 1e-2  # relative difference of equal sections
@@ -41,7 +39,7 @@ _BEYOND = 0.15  # of the sampled range of lengths, on either side
 _FARTHEST_BEND = 1.25  # over the largest sampled bend
 LARGEST_PRESSURE_Pa: Final = 45e3
 """Default end of the working range of pressure."""
-METHOD: Final = 9
+METHOD: Final = 8
 """Number of the method; a new one makes models in the cache obsolete."""
 _SEED = 1
 _TENSION_OF_WEIGHT = 1.5
@@ -221,11 +219,9 @@ def _roughness(scale: Array, size: int) -> Array:
     """
     terms = len(scale) // size
     mean_scale = scale.reshape(size, terms).mean(axis=0)
-    weight = np.full(terms, _SMOOTHING)
-    weight[: STRAIGHT - 1] = _STRAIGHT_SMOOTHING  # without the constant
-    second = np.sqrt(float(size - 3) ** 3) * np.diff(np.eye(size), n=2, axis=0)
-    second[0] *= np.sqrt(_FIRST_SMOOTHING)
-    scaled_difference = np.einsum("ik,c->ikc", second, np.sqrt(weight) * mean_scale)
+    second = np.sqrt(_SMOOTHING) * np.diff(np.eye(size), n=2, axis=0)
+    second[0] *= np.sqrt(_FIRST_SMOOTHING / _SMOOTHING)
+    scaled_difference = np.einsum("ik,c->ikc", second, mean_scale)
     # the unknowns are coefficients times their own scale
     penalty = np.einsum("ikc,ilc->kcl", scaled_difference, scaled_difference)
     roughness = np.zeros((size, terms, size, terms))
@@ -323,7 +319,7 @@ class Effort:
     """Number of sampled pressures, of bent poses at each, and of intervals of the splines."""
 
     levels: int = 14
-    samples: int = 12
+    samples: int = 20
     intervals: int = 8
 
     @classmethod

@@ -27,14 +27,12 @@ Sample: TypeAlias = tuple[float, Array, Array, float, Array, Array, Array]
 """Pressure, strains, forces, volume, frames, nodes and target, as in `Samples`."""
 
 _STILL = (0.0, 0.0, 0.0)
-_ALMOST_STRAIGHT = 15  # first samples at each pressure of crumpled films
+_ALMOST_STRAIGHT = 15  # first samples at each pressure
 _HALF_STIFF_Pa = 2e3  # at lower pressure samples are shortened less: a film without gas has no free length
 _LEAST_STEP = 0.1  # smallest load step to a sample
-_REUSE_MAX, _REUSE_BELOW_N = 8, 1.0  # reuse of factorisations, near an equilibrium
-_REUSE_FINER_BELOW_N = 0.01  # the same on a refined mesh
-_FINER_OF = 3  # one of this many poses is also sampled on the refined mesh
+_REUSE_MAX, _REUSE_BELOW_N = 8, 0.01  # reuse of factorisations on a refined mesh, near an equilibrium
+_FINER_OF = 5  # one of this many poses is also sampled on the refined mesh
 _CRUMPLED_Pa = 500.0  # below this pressure bent films of a refined mesh are not sampled
-_SMALL, _SMALL_CRUMPLED = 1, 2  # almost straight samples at each length, above and below it
 _COUPLING_N_m = 1e-9  # stiffness of rings that are added only for their blocks in the tangent
 # far above a section's stiffness in bending and length, so that it reaches the wanted pose; below it in shear
 # and twist, which then follow from equilibrium
@@ -91,16 +89,13 @@ class Sampler:
         self._frames = frames
         self._system = FilmPotential(body)
         clamp = Clamp.of_base(body)
-        # films that are bent at once press deeply on one another at first; others than square ones that pass
-        # through one another are only solved until they crumple
-        iterations, shift_N_m = (60, 1e9) if frames.rims.size or films is not None else (25, 1e6)
+        # square units are solved up to folding; others only until their film crumples
+        iterations, shift_N_m = (60, 1e9) if frames.rims.size else (25, 1e6)
         options = newton_options.NewtonOptions(
             tolerance_N=1e-5,
             start_tolerance_N=1e-5,
             iterations_max=iterations,
             shift_max_N_m=shift_N_m,
-            reuse_max=_REUSE_MAX,
-            reuse_below_N=_REUSE_BELOW_N,
             checks_stability=False,
         )
         newton = NewtonSolver(self._system, clamp.mask(body.nodes))
@@ -119,18 +114,17 @@ class Sampler:
             work: range to sample.
             seed: of the random poses.
         """
+        random = np.random.default_rng(seed)
         unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         longest = self._still_lengths(unloaded, work.pressures_Pa[-1])
         rows: list[Sample] = []
         lengths, failures = [], 0
-        for level, pressure in enumerate(work.pressures_Pa):
+        for pressure in work.pressures_Pa:
             unloaded = self._solver.follow(unloaded, Pose(), replace(self._slack, pressure_Pa=(pressure,)))
             rows.append(self._sample(unloaded))
             range_m = self._lengths(unloaded, longest, work)
             lengths.append(0.5 * (range_m.low + range_m.high))
-            poses = Poses(range_m, self._radii, self._frames.rims, work)
-            small = _SMALL if pressure > _CRUMPLED_Pa else _SMALL_CRUMPLED
-            for wanted_strains in poses.draw(np.random.default_rng((seed, level)), small):
+            for wanted_strains in Poses(range_m, self._radii, self._frames.rims, work).draw(random):
                 try:
                     rows.append(self._guided(unloaded, wanted_strains))
                 except ConvergenceError:
@@ -147,7 +141,9 @@ class Sampler:
             coarse: samples of the mesh with one refinement less.
             parents: (n, 2) nodes of the coarser mesh; each node is halfway between two.
         """
-        self._solver.options = replace(self._solver.options, reuse_below_N=_REUSE_FINER_BELOW_N)
+        # near starts allow reuse; on the coarse mesh it leads crumpled films to other equilibria
+        near_start_options = replace(self._solver.options, reuse_max=_REUSE_MAX, reuse_below_N=_REUSE_BELOW_N)
+        self._solver.options = near_start_options
         unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
         rows, failures, mesh_difference = list[Sample](), 0, np.zeros_like(unloaded.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):

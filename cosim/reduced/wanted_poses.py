@@ -11,7 +11,6 @@ from cosim.base.frames import Array
 
 _STRAIGHT = 5  # straight samples at each pressure
 _BEND_MAX = 0.5
-_OFTEN_LARGEST = 1.3  # largest drawn bend over the largest allowed one, to which larger ones are cut
 _ACROSS = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])  # all strains but the length
 _HALF = 2.8  # largest bends of half units over those of whole units of the same length
 _LEAST_GAP = 0.02  # part of the gap closed by a bend that stays open
@@ -83,21 +82,12 @@ class Poses:
     rims: Array
     work: WorkingRange
 
-    def draw(self, random: np.random.Generator, small: int) -> list[Array]:
-        """Return wanted strains (s, 6): straight ones, almost straight ones, and bent ones.
-
-        Args:
-            random: source of the poses.
-            small: number of almost straight ones at each length of a straight one.
-        """
+    def draw(self, random: np.random.Generator) -> list[Array]:
+        """Return wanted strains (s, 6): straight ones, almost straight ones, and bent ones."""
         straight = [self._straight(fraction) for fraction in np.linspace(0.0, 1.0, _STRAIGHT)]
         # small ones identify the stiffnesses against shear, bending and twist separately
-        almost_straight = [
-            at + self.work.small * (self._bent(stratum, random) * _ACROSS)
-            for at, stratum in zip(straight * small, _strata(random, _STRAIGHT * small), strict=True)
-        ]
-        bent = [self._bent(stratum, random) for stratum in _strata(random, self.work.samples)]
-        return straight + almost_straight + bent
+        small = [at + self.work.small * (self._bent(random) * _ACROSS) for at in straight for _ in range(2)]
+        return straight + small + [self._bent(random) for _ in range(self.work.samples)]
 
     def _straight(self, fraction: Array | float) -> Array:
         """Return the strains (s, 6) of a straight chain, lengths a fraction of the way from low to high."""
@@ -106,32 +96,22 @@ class Poses:
         strains[:, 2] = low + fraction * (high - low)
         return strains
 
-    def _bent(self, stratum: Array, random: np.random.Generator) -> Array:
-        """Return random strains (s, 6) that change slowly along the chain.
-
-        Args:
-            stratum: (12,), from 0 to 1; see `_strata`.
-            random: gives a little noise.
-        """
+    def _bent(self, random: np.random.Generator) -> Array:
+        """Return random strains (s, 6) that change slowly along the chain."""
         count = len(self.lengths.low)
         along = np.linspace(0.0, 1.0, count)[:, None]
-        length, shear, twist, (size, angle, taper, turn) = np.split(2.0 * stratum - 1.0, [2, 6, 8])
 
-        def field(ends: Array) -> Array:
-            """Return (s, size): a line between two ends (2 size,), and noise."""
-            near, far = np.split(ends, 2)
+        def field(size: int) -> Array:
+            """Return (s, size): constant and linear parts and a little noise, within about -1 to 1."""
+            ends = random.uniform(-1.0, 1.0, (2, size))
             return np.asarray(
-                (1.0 - along) * near + along * far + random.normal(0.0, 0.05, (count, len(near)))
+                (1.0 - along) * ends[0] + along * ends[1] + random.normal(0.0, 0.05, (count, size))
             )
 
-        length_level = np.clip(field(length)[:, 0], -1.0, 1.0)
+        length_level = np.clip(field(1)[:, 0], -1.0, 1.0)
         strains = self._straight(0.5 + 0.5 * length_level)
-        strains[:, :2] = self.work.shear_m * field(shear)
-        # most chains bend in about one direction, and as much at one end as at the other
-        taper, turn = taper * abs(taper), turn * abs(turn)
-        angles = np.pi * np.array([angle, angle + turn])
-        sizes = _OFTEN_LARGEST * np.sqrt(0.5 + 0.5 * size) * (1.0 - np.maximum(0.0, [taper, -taper]))
-        bend = field((sizes[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)).ravel())
+        strains[:, :2] = self.work.shear_m * field(2)
+        bend = 1.3 * np.sqrt(random.uniform(0.0, 1.0)) * field(2)
         bend /= np.maximum(1.0, np.linalg.norm(bend, axis=1, keepdims=True))
         if self.rims.size:
             self._fold(strains, length_level, bend)
@@ -139,7 +119,7 @@ class Poses:
             # rims of neighbouring frames meet at an angle of length over radius
             largest = np.minimum(self.work.bend * strains[:, 2] / self.radii, _BEND_MAX)
             strains[:, 3:5] = largest[:, None] * bend
-        strains[:, 5] = self.work.twist * field(twist)[:, 0]
+        strains[:, 5] = self.work.twist * field(1)[:, 0]
         return strains
 
     def _fold(self, strains: Array, length_level: Array, bend: Array) -> None:
@@ -165,13 +145,3 @@ class Poses:
         """Return the closing (s,) [m] of the gap between two square frames by bends (s, 2)."""
         closed = bend[:, :1] * self.rims[:, :, 1] - bend[:, 1:] * self.rims[:, :, 0]
         return np.asarray(np.abs(closed).max(axis=1))
-
-
-def _strata(random: np.random.Generator, count: int) -> Array:
-    """Return (count, 12) numbers from 0 to 1; each column has one in each of `count` equal intervals.
-
-    So few poses reach all parts of the range.
-    Source: McKay, Beckman and Conover, Technometrics 21 (1979) 239 (Latin hypercube).
-    """
-    order = random.permuted(np.tile(np.arange(count)[:, None], 12), axis=0)
-    return np.asarray((order + random.uniform(size=order.shape)) / count)

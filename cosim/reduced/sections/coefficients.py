@@ -6,8 +6,6 @@ from typing import Final
 
 _ORDERS: Final = {"A": 6, "B": 4, "B2": 2, "B3": 1, "S": 2, "Q": 2, "Q2": 1, "T": 2}
 POLYNOMIAL: Final = sum(order + 1 for order in _ORDERS.values()) + 4
-STRAIGHT: Final = _ORDERS["A"] + 1
-"""Number of coefficients, the first ones, of the energy of a straight section."""
 GAP_KINDS, GAP_INTERVALS = 3, 12
 COEFFICIENTS: Final = POLYNOMIAL + GAP_KINDS * (GAP_INTERVALS + 3)
 """Number of coefficients: of the polynomial, and of the functions of gaps (see `gap_energy`)."""
