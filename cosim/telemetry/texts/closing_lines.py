@@ -16,7 +16,7 @@ _NAMED: Final = 3
 """Phases in a line by their names; the others are counted."""
 _WIDTH: Final = len("stability: ")
 _LEAST_COMPILING_S: Final = 1.0
-"""Time spent on compiling kernels from which it is told."""
+"""Time of compiling kernels [s] below which the line leaves it out."""
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
