@@ -113,15 +113,16 @@ def test_a_run_says_which_limits_of_its_arm_are_assumed(
     assert "ur5e: assumed limits, not from a data sheet: acceleration" in shown.out + shown.err
 
 
-def test_a_run_ends_with_six_lines_and_one_for_its_tip_targets(
+def test_a_run_ends_with_what_it_found_how_sure_that_is_and_its_files(
     run: Callable[..., tuple[int, Path]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, out = run()
-    lines = capsys.readouterr().err.splitlines()[-7:]
-    heads = ["modelled", "stability", "overlap", "target", "error", "warnings", "files"]
+    lines = capsys.readouterr().err.splitlines()[-9:]
+    heads = ["tip", "target", "films", "error", "stability", "modelled", "warnings", "time", "files"]
     assert [line.split(":")[0] for line in lines] == heads
-    assert lines[5].split() == ["warnings:", "none"]
-    assert f"{out}: summary.json, recording.rrd; open it: cosim view {out}; completed" in lines[6]
+    assert lines[6].split() == ["warnings:", "none"]
+    assert lines[7].split()[:2] == ["time:", "completed,"]
+    assert lines[8].endswith(f"{out}: summary.json, recording.rrd; open it: cosim view {out}")
 
 
 def test_a_run_says_where_its_files_are(

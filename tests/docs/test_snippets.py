@@ -152,7 +152,7 @@ def test_every_snippet_of_a_page_runs(
 
 
 ENDS = {
-    name: re.findall(r"^```text\n(modelled:.*?)^```$", PAGES[name].read_text("utf-8"), re.M | re.S)
+    name: re.findall(r"^```text\n(tip:.*?)^```$", PAGES[name].read_text("utf-8"), re.M | re.S)
     for name in PAGES
 }
 """What pages show of the end of a run."""
@@ -168,7 +168,8 @@ def test_pages_show_all_lines_of_the_end_of_a_run(page: str) -> None:
     (shown,) = ENDS[page]
     heads = [line.split(":")[0] for line in shown.splitlines()]
     target = [] if page == "own_scenario" else ["target"]  # the reference scenario reaches for one
-    assert heads == ["modelled", "stability", "overlap", *target, "error", "warnings", "files"]
+    last = ["films", "error", "stability", "modelled", "warnings", "time", "files"]
+    assert heads == ["tip", *target, *last]
 
 
 @pytest.mark.error_bars
@@ -182,5 +183,5 @@ def test_the_end_of_the_first_own_run_is_as_shown(
     assert toml is not None
     Path("mine.toml").write_text(toml[1], encoding="utf-8")
     assert main(["run", "mine.toml", "--out", "runs/mine"]) == 0
-    said = capsys.readouterr().err.splitlines()[-6:]
+    said = capsys.readouterr().err.splitlines()[-8:]
     assert list(map(_in_words, said)) == list(map(_in_words, ENDS["own_scenario"][0].splitlines()))

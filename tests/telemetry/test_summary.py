@@ -19,7 +19,7 @@ from cosim.soft.solve.branching import StabilityReport
 from cosim.telemetry.film_shapes import FilmShapes
 from cosim.telemetry.longer_tick import longer_tick_s
 from cosim.telemetry.summary import SummaryBuilder
-from cosim.telemetry.texts.closing_lines import closing_lines, error_line
+from cosim.telemetry.texts.closing_lines import closing_lines, error_line, tip_lines
 from cosim.telemetry.texts.summary_markdown import summary_markdown
 from tests.ticks import changed
 
@@ -47,11 +47,29 @@ def test_the_summary_adds_up(summary: dict[str, Any]) -> None:
 
 
 def test_the_last_line_tells_what_the_user_has_waited_for(summary: dict[str, Any]) -> None:
-    (line,) = (line for line in closing_lines(summary, Path("runs/a"), []) if line.startswith("files: "))
+    (line,) = (line for line in closing_lines(summary, Path("runs/a"), []) if line.startswith("time: "))
     assert line.endswith("completed, 0.10 s in 1.51 s (start 1.5 s, ticks 0.0 s; x0.07 real time)")
     first = summary | {"command_s": 40.0, "startup_s": 39.99, "compiling_s": 38.4}
-    (line,) = (line for line in closing_lines(first, Path("runs/a"), []) if line.startswith("files: "))
+    (line,) = (line for line in closing_lines(first, Path("runs/a"), []) if line.startswith("time: "))
     assert "(start 40.0 s, ticks 0.0 s, 38 s of it compiling, once per machine; x0.00 real time)" in line
+
+
+def test_the_first_line_tells_where_the_tip_is_with_its_bar() -> None:
+    last = {
+        "name": "reach",
+        "tip_position_m": [0.45, -1e-9, 0.55],
+        "sag_m": 0.0755,
+        "length_m": 0.1304,
+        "cable_tension_N": [2.5, 0.0],
+        "error": {"tip_m": 6.9e-3, "sag_m": 6.7e-3, "length_m": None, "cable_tension_N": 0.45},
+    }
+    assert tip_lines([{"tip_position_m": [None] * 3}, last]) == [
+        "at 0.450, 0.000, 0.550 m +-6.9 mm, sag 75.5 +-6.7 mm, length 130.4 mm, cables up to 2.5 +-0.45 N, "
+        "at the end of 'reach'"
+    ]
+    slack = {"sag_m": None, "length_m": None, "error": None, "cable_tension_N": [0.0, 0.0]}
+    assert tip_lines([last | slack]) == ["at 0.450, 0.000, 0.550 m, cables slack, at the end of 'reach'"]
+    assert tip_lines([last | {"tip_position_m": [None] * 3}]) == tip_lines([]) == []
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -10,7 +10,7 @@ from typing import Final, final
 from cosim.errors import ConvergenceError
 from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 
-_SILENT_S: Final = 5.0
+_SILENT_S: Final = 2.0
 """Wall time after which a search first reports its progress; then after twice the time, and so on."""
 
 
@@ -163,5 +163,8 @@ class SearchEffort:
             self._next = now + (now - self._began)
             prefix = f"{self.place}: " if self.place else ""
             goal = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
-            count = self.spent + under_way
-            self.report(f"{prefix}{goal}: {count} of at most {self._bound} Newton iterations so far")
+            passed_s = now - self._began
+            longest_s = passed_s * self._bound / max(1, self.spent + under_way)
+            self.report(
+                f"{prefix}looking for {goal}: {passed_s:.0f} s so far, given up after about {longest_s:.0f} s"
+            )

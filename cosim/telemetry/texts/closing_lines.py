@@ -20,7 +20,7 @@ _LEAST_COMPILING_S: Final = 1.0
 
 
 def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> list[str]:
-    """Return the lines that end a run on screen: six, one for tip targets, and one for each object.
+    """Return the lines that end a run on screen: what it found, how sure that is, then its time and files.
 
     Args:
         summary: of the run.
@@ -28,14 +28,16 @@ def closing_lines(summary: dict[str, Any], directory: Path, recordings: Sequence
         recordings: of the run, oldest first.
     """
     lines = [
-        ("modelled", modelled_line(summary)),
-        ("stability", stability_line(summary)),
-        ("overlap", overlap_line(summary)),
+        *(("tip", text) for text in tip_lines(summary["phases"])),
         *(("target", text) for text in target_lines(summary["phases"])),
         *(("object", text) for text in object_lines(summary["objects"])),
+        ("films", films_line(summary)),
         ("error", error_line(summary)),
+        ("stability", stability_line(summary)),
+        ("modelled", modelled_line(summary)),
         ("warnings", warnings_line(summary)),
-        ("files", files_line(summary, directory, recordings)),
+        ("time", time_line(summary)),
+        ("files", files_line(directory, recordings)),
     ]
     return [f"{name + ':':<{_WIDTH}}{text}" for name, text in lines]
 
@@ -71,18 +73,39 @@ def stability_line(summary: dict[str, Any]) -> str:
     return f"no unstable state was found; lowest natural frequency {frequency}"
 
 
-def overlap_line(summary: dict[str, Any]) -> str:
-    """Return a text on the overlap of films, or on their contact forces if contact is modelled."""
+def tip_lines(phases: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a text on the end of the last phase: tip, sag, length and tension with bars; empty without any.
+
+    Args:
+        phases: of the summary.
+    """
+    if not phases or None in (last := phases[-1])["tip_position_m"]:
+        return []
+    bars = last["error"] or {}
+    tip, sag, length = (_bar(bars, key) for key in ("tip_m", "sag_m", "length_m"))
+    place = ", ".join(f"{round(value, 3) + 0.0:.3f}" for value in last["tip_position_m"])  # + 0.0: no -0
+    texts = [f"at {place} m{tip}"]
+    texts += [] if last["sag_m"] is None else [f"sag {1e3 * last['sag_m']:.1f}{sag} mm"]
+    texts += [] if last["length_m"] is None else [f"length {1e3 * last['length_m']:.4g}{length} mm"]
+    tensions = [tension for tension in last["cable_tension_N"] or () if tension is not None]
+    if tensions:
+        pull = f"up to {max(tensions):.3g}{_bar(bars, 'cable_tension_N')} N" if any(tensions) else "slack"
+        texts.append(f"cables {pull}")
+    return [f"{', '.join(texts)}, at the end of '{last['name']}'"]
+
+
+def films_line(summary: dict[str, Any]) -> str:
+    """Return whether films pass through one another, press on one another, or keep apart."""
     lines = overlap_lines(summary["overlaps"])
     if lines:
         return lines[0]
     force_N, depth_m = summary["max_self_contact_force_N"], summary["max_self_contact_depth_m"]
     if force_N:
-        return f"none: films press on one another with up to {force_N:.3g} N, {1e3 * depth_m:.2g} mm deep"
+        return f"press on one another with up to {force_N:.3g} N and yield by {1e3 * depth_m:.2g} mm"
     row = next((row for row in summary["modelled"] if row["what"] == _ITSELF), None)
     if row is None or (row["included"] and summary["section_model"] is None):
-        return "none: films do not touch one another"
-    return f"none was found; {_ITSELF}: {row['reason']}"
+        return "do not touch one another"
+    return f"no overlap was found; {_ITSELF}: {row['reason']}"
 
 
 def error_line(summary: dict[str, Any]) -> str:
@@ -115,20 +138,25 @@ def warnings_line(summary: dict[str, Any]) -> str:
     return f"1: {first}" if len(texts) == 1 else f"{len(texts)}, all in the summary; {first}"
 
 
-def files_line(summary: dict[str, Any], directory: Path, recordings: Sequence[Path]) -> str:
-    """Return a text on the files of a run, how it ended, and its time."""
+def time_line(summary: dict[str, Any]) -> str:
+    """Return how a run ended, and where its time went."""
     command_s, bars_s = summary["command_s"], summary["error"]["wall_s"]
     factor = summary["simulated_s"] / command_s if command_s > 0.0 else 0.0
     spent = [f"start {summary['startup_s']:.1f} s", f"ticks {summary['wall_s']:.1f} s"]
     spent += [f"error bars {bars_s:.1f} s"] if bars_s > 0.0 else []
     if summary["compiling_s"] >= _LEAST_COMPILING_S:
         spent.append(f"{summary['compiling_s']:.0f} s of it compiling, once per machine")
+    return (
+        f"{summary['status']}, {summary['simulated_s']:.2f} s in {command_s:.2f} s ({', '.join(spent)}; "
+        f"x{factor:.2f} real time)"
+    )
+
+
+def files_line(directory: Path, recordings: Sequence[Path]) -> str:
+    """Return a text on the files of a run."""
     names = ["summary.json", *(path.name for path in recordings[-1:])]
     view = f"; open it: cosim view {directory}" if recordings else ""
-    return (
-        f"{directory}: {', '.join(names)}{view}; {summary['status']}, {summary['simulated_s']:.2f} s in "
-        f"{command_s:.2f} s ({', '.join(spent)}; x{factor:.2f} real time)"
-    )
+    return f"{directory}: {', '.join(names)}{view}"
 
 
 def target_lines(phases: Sequence[dict[str, Any]]) -> list[str]:
@@ -144,6 +172,14 @@ def target_lines(phases: Sequence[dict[str, Any]]) -> list[str]:
             worst = max(known, key=lambda name: known[name])
             texts.append(f"{scale * known[worst]:.3g} {unit} (phase '{worst}')")
     return [f"tip off by {' and '.join(texts)}"] if texts else []
+
+
+def _bar(bars: dict[str, Any], key: str) -> str:
+    """Return the error bar of a figure as a text, in the unit of the line; empty without one."""
+    scale = BARS[key][2]
+    size = bars.get(key)
+    unit = " mm" if key == "tip_m" else ""
+    return "" if size is None else f" +-{scale * size:.2g}{unit}"
 
 
 def _some(names: Sequence[str]) -> str:
