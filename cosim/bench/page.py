@@ -3,7 +3,7 @@ that were found.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from html import escape
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -114,7 +114,7 @@ def write_results(result: fitting.Identified, directory: Path, source: str) -> l
         *series_lines(result),
     ]
     scenario = equilibria.bench_scenario(result.bench.scenario, result.bench.set)
-    robot = robot_text(scenario, keys, "measured", head)
+    robot = robot_text(scenario, keys, "identified", head)
     return _written(directory, robot, ("identified.html", page_text(result, source)))
 
 
@@ -157,7 +157,10 @@ def _written(directory: Path, robot: str, page: tuple[str, str]) -> list[Path]:
 
 
 def robot_text(
-    scenario: Scenario, keys: Mapping[str, float], known: Literal["measured", "assumed"], head: Sequence[str]
+    scenario: Scenario,
+    keys: Mapping[str, float],
+    known: Literal["identified", "assumed"],
+    head: Sequence[str],
 ) -> str:
     """Return a scenario's soft robot as a file, with values by key, and how these are known.
 
@@ -172,8 +175,8 @@ def robot_text(
         raise InputError("the soft body is given as arrays, which are in no file")
     changed = tuple(dict.fromkeys(_plain(key, to_table(scenario)) for key in keys))
     lists = {
-        name: tuple(key for key in getattr(robot.known, name) if key not in changed)
-        for name in ("published", "measured", "assumed")
+        entry.name: tuple(key for key in getattr(robot.known, entry.name) if key not in changed)
+        for entry in fields(KnownTable)
     }
     lists[known] = (*lists[known], *changed)
     robot = replace(robot, known=KnownTable(**lists))

@@ -128,6 +128,7 @@ def _fits(row: dict[str, Any], robot: SoftRobotTable, refine: int) -> bool:
         and row.get("refine_holes", stack.refine_holes) == stack.refine_holes
         and row.get("neck", stack.neck is not None) == (stack.neck is not None)
         and row.get("least_width_m", 0.0) <= (stiffener.width_m or 0.0)
+        and row.get("side_ratio", 1.0) == stiffener.side_ratio
     )
 
 

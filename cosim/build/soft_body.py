@@ -287,8 +287,10 @@ def _shell(mesh: NamedMesh, places: IntArray, folds: IntArray, rigidity: Array) 
 def _stiffeners(mesh: NamedMesh, robot: soft_robot.SoftRobotTable) -> list[element.Element]:
     rings, table = np.array([mesh.ring(name) for name in mesh.seam_rings]), robot.stiffener
     if table.kind == "stiff":
-        return [frame_ring.FrameRings.from_shape(mesh.positions, rings, table.stiffness_N_m)]
-    found: list[element.Element] = [BeamRings.from_shape(mesh.positions, rings, _section(table))]
+        frames = frame_ring.FrameRings.from_shape
+        return [frames(mesh.positions, rings, table.stiffness_N_m, table.side_ratio)]
+    beams = BeamRings.from_shape(mesh.positions, rings, _section(table), table.side_ratio)
+    found: list[element.Element] = [beams]
     if table.rest_on_one_another and len(rings) > 1:
         found.append(frame_stops.FrameStops.from_shape(mesh.positions, rings, robot.frame_pitch_m))
     return found
@@ -323,7 +325,7 @@ def _node_mass(robot: soft_robot.SoftRobotTable, coarse: NamedMesh, mesh: NamedM
 
 
 def _add_beam_mass(mass: Array, mesh: NamedMesh, table: soft_robot.StiffenerTable) -> None:
-    per_length = table.density_kg_m3 * _section(table).area_m2
+    per_length = table.density_kg_m3 * _section(table).area_m2 * table.side_ratio
     for ring in (mesh.ring(name) for name in mesh.seam_rings):
         following = np.roll(ring, -1)
         length = np.linalg.norm(mesh.positions[following] - mesh.positions[ring], axis=1)

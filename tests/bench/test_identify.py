@@ -94,7 +94,7 @@ def check_files(found: Identified, folder: Path) -> None:
     assert page.read_text() == page_text(found, "bench.toml")
     read = load_soft_robot(robot)
     assert read.film.young_modulus_Pa == pytest.approx(1.3e9, rel=1e-6)
-    assert "film.young_modulus_Pa" in read.known.measured
+    assert "film.young_modulus_Pa" in read.known.identified
     assert "film" in read.known.published
 
 

@@ -133,6 +133,7 @@ def error_of(simulation: cosim.Simulation, name: str, step: float) -> float:
         ("soft_robot.film.thickness_m", 3e-4),
         ("soft_robot.film.young_modulus_Pa", 3e-4),
         ("soft_robot.stiffener.height_m", 3e-4),
+        ("soft_robot.stiffener.side_ratio", 1e-5),
         ("soft_robot.mass.node_mass_kg", 3e-4),
         ("soft_robot.cable.corner_0.capstan_factor", 3e-4),
         ("soft_robot.stack.hole_radius_m", 3e-4),

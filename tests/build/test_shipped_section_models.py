@@ -44,7 +44,12 @@ def test_they_are_used_without_a_build(name: str, tmp_path: Path, monkeypatch: p
 
 @pytest.mark.parametrize(
     "changes",
-    [{"soft_robot.film.young_modulus_Pa": 1e9}, {"contact.self_contact": False}, {"model.all_hinges": False}],
+    [
+        {"soft_robot.film.young_modulus_Pa": 1e9},
+        {"soft_robot.stiffener.side_ratio": 0.99},
+        {"contact.self_contact": False},
+        {"model.all_hinges": False},
+    ],
 )
 def test_another_robot_or_option_has_another_name(changes: dict[str, object]) -> None:
     name = section_models.SHIPPED[0]

@@ -102,6 +102,25 @@ def test_beams_ring_the_outer_rims_with_their_mass(robot: SoftRobotTable) -> Non
     np.testing.assert_allclose(np.ptp(coarse.node_mass[beams.rings]), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("levels", [0, 1])
+def test_frames_smaller_than_the_rim_have_shorter_beams_and_less_mass(
+    robot: SoftRobotTable, levels: int
+) -> None:
+    small = replace(BEAM, side_ratio=0.99)
+    fitting, slack = (refined(replace(robot, stiffener=table), levels) for table in (BEAM, small))
+    (beams,), (shorter,) = (body.of_kind(BeamRings) for body in (fitting, slack))
+    np.testing.assert_allclose(shorter.lengths, 0.99 * beams.lengths, rtol=1e-14)
+    np.testing.assert_array_equal(slack.positions, fitting.positions)
+    bare_kg = refined(robot, levels).mass_kg
+    assert slack.mass_kg - bare_kg == pytest.approx(0.99 * (fitting.mass_kg - bare_kg), rel=1e-10)
+    stiff = StiffenerTable("stiff", side_ratio=0.99)
+    frames = refined(replace(robot, stiffener=stiff), levels).frames
+    whole = refined(replace(robot, stiffener=StiffenerTable("stiff")), levels).frames
+    assert frames is not None
+    assert whole is not None
+    np.testing.assert_allclose(frames.lengths, 0.99 * whole.lengths, rtol=1e-14)
+
+
 def test_the_paper_s_model_takes_away_what_a_file_adds(robot: SoftRobotTable) -> None:
     bare = replace(robot, film=replace(robot.film, law="plain"), stiffener=StiffenerTable())
     ours = replace(

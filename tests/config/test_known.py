@@ -21,7 +21,7 @@ def test_every_table_of_a_robot_s_file_is_said_to_be_known_somehow(name: str) ->
     with soft_robot_path(name).open("rb") as file:
         given = tomllib.load(file).keys() - NO_VALUES
     known = load_soft_robot(name).known
-    assert given <= {*known.published, *known.measured, *known.assumed}
+    assert given <= {*known.published, *known.measured, *known.identified, *known.assumed}
 
 
 @pytest.mark.parametrize("name", list_soft_robots())
@@ -36,12 +36,14 @@ def test_no_robot_claims_that_its_stiffeners_are_published(name: str) -> None:
         ({"published": ["film.thickness"]}, "known.published", "'film.thickness'; the robot has no such key"),
         ({"measured": ["hinge.rule.x"]}, "known.measured", "no such key"),
         ({"published": ["film"], "assumed": ["film"]}, "known", "names 'film' more than once"),
+        ({"identified": ["film"], "assumed": ["film"]}, "known", "names 'film' more than once"),
+        ({"identified": ["stiffener.side"]}, "known.identified", "no such key"),
         ({"assumed": ["9" * 5000]}, "known.assumed", r"9\.\.\.; the robot has no such key"),
         ({"guessed": ["film"]}, "known.guessed", "unknown key"),
     ],
 )  # fmt: skip
 def test_a_key_that_there_is_not_is_refused(known: dict[str, list[str]], path: str, message: str) -> None:
-    nothing = {"published": [], "measured": [], "assumed": []}
+    nothing = {"published": [], "measured": [], "identified": [], "assumed": []}
     with pytest.raises(ScenarioError, match=message) as caught:
         load_scenario("three_unit_inflation", {"soft_robot.known": {**nothing, **known}})
     assert caught.value.path.startswith(f"soft_robot.{path}")

@@ -99,6 +99,27 @@ def test_the_drawn_shape_is_stress_free_and_only_rigid_motions_are_free(drawn: A
     assert values[6] > 1e-4
 
 
+@pytest.mark.parametrize("drawn", [circle(5), square(1), square(4)])
+def test_a_smaller_ring_is_stress_free_at_its_size_and_stretched_by_its_strain_where_drawn(
+    drawn: Array,
+) -> None:
+    ratio = 0.98
+    small = BeamRings.from_shape(drawn, np.arange(len(drawn))[None], SECTION, ratio)
+    evaluate = assembled(small.rings, small.add, len(drawn))
+    perimeter = float(np.linalg.norm(np.roll(drawn, -1, axis=0) - drawn, axis=1).sum())
+    assert small.lengths.sum() == pytest.approx(ratio * perimeter, rel=1e-14)
+    stretch, turn = SECTION.rigidities[0], random_rotation(4)
+    energy, gradient, _ = evaluate(ratio * drawn @ turn.T + 0.1)
+    assert energy < 1e-25 * stretch
+    assert np.abs(gradient).max() < 1e-12 * stretch
+    # E A / 2 times strain squared times length, of straight beams in tension
+    energy, gradient, _ = evaluate(drawn)
+    assert energy == pytest.approx(0.5 * stretch * (1.0 / ratio - 1.0) ** 2 * ratio * perimeter, rel=1e-10)
+    turned_energy, turned_gradient, _ = evaluate(drawn @ turn.T)
+    assert turned_energy == pytest.approx(energy, rel=1e-11)
+    assert turned_gradient == pytest.approx(gradient @ turn.T, abs=1e-10 * np.abs(gradient).max())
+
+
 def test_a_ring_pulled_at_two_points_widens_as_by_the_closed_form() -> None:
     # Timoshenko, Strength of Materials II: F R^3 / (E I) times pi/4 - 2/pi along, 2/pi - 1/2 across the load
     errors = []

@@ -44,6 +44,17 @@ def test_derivatives(count: int) -> None:
     assert max(derivative_errors(evaluate, x, 1e-5)) < RELATIVE
 
 
+def test_a_smaller_frame_is_stress_free_at_its_size_only() -> None:
+    drawn, ratio = polygon(8), 0.98
+    frame = FrameRings.from_shape(drawn, np.arange(8)[None], STIFFNESS_N_m, ratio)
+    evaluate = assembled(frame.rings, frame.add, 8)
+    energy, gradient, _ = evaluate(ratio * drawn @ random_rotation(4).T)
+    assert energy < 1e-25 * STIFFNESS_N_m
+    assert np.abs(gradient).max() < 1e-12 * STIFFNESS_N_m
+    chord = 2.0 * RADIUS_M * np.sin(np.pi / 4.0)  # to the second next node
+    assert evaluate(drawn)[0] == pytest.approx(4.0 * STIFFNESS_N_m * (0.02 * chord) ** 2, rel=1e-10)
+
+
 def test_rigid_motion_and_balance() -> None:
     _, x, evaluate = two_frames(12)
     turn = random_rotation(2)

@@ -105,6 +105,8 @@ class StiffenerTable(Table):
             warning; omitted: no warning.
         rest_on_one_another: beam: whether neighbouring frames touch, at a distance of their height and two
             films, as in a stowed pack; if not, they pass through one another.
+        side_ratio: side of the frame over that of the film's drawn rim; below 1 the film is slack in its
+            frame, above 1 it is stretched.
     """
 
     kind: Literal["none", "stiff", "beam"] = "none"
@@ -116,6 +118,12 @@ class StiffenerTable(Table):
     density_kg_m3: NonNegativeDensity = 0.0
     strength_strain: Positive | None = None
     rest_on_one_another: bool = False
+    side_ratio: Annotated[float, Interval(ge=0.9, le=1.05)] = 1.0
+
+    @rule
+    def _has_a_size(self) -> Violations:
+        if self.kind == "none" and self.side_ratio != 1.0:
+            yield "side_ratio", "needs a frame: kind = 'beam' or 'stiff'; the kind is 'none'"
 
     @rule
     def _is_a_beam(self) -> Violations:
@@ -341,11 +349,13 @@ class KnownTable(Table):
     Args:
         published: values from the source that the file names.
         measured: values measured on the robot.
+        identified: values fitted to curves; the file says to which.
         assumed: values assumed by the author of the file.
     """
 
     published: tuple[Text, ...] = ()
     measured: tuple[Text, ...] = ()
+    identified: tuple[Text, ...] = ()
     assumed: tuple[Text, ...] = ()
 
     @rule
@@ -357,7 +367,7 @@ class KnownTable(Table):
 
     @rule
     def _names_each_once(self) -> Violations:
-        counts = Counter((*self.published, *self.measured, *self.assumed))
+        counts = Counter(key for entry in fields(self) for key in getattr(self, entry.name))
         for key in [key for key, count in counts.items() if count > 1][:1]:
             yield "", f"names {keys.shown(key)} more than once"
 

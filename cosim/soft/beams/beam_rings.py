@@ -7,9 +7,9 @@ The film has positions only, a beam also rotations of its ends. The rotations ar
     hessian   = E_xx - E_xR E_RR^-1 E_Rx,
 a full matrix over the ring. A node rotates as one, so that corners of the drawn shape are rigid, and a
 straight side of one beam or of eight has the same stiffness between its ends (`beam`): the energy is that of
-a continuous ring, for any refinement. Without loads the ring has its drawn shape. The memory holds the
-rotations of the last accepted state, as quaternions in axes of the ring, and a factor of E_RR; both start the
-next solution.
+a continuous ring, for any refinement. Without loads the ring has its drawn shape, scaled if its lengths are.
+The memory holds the rotations of the last accepted state, as quaternions in axes of the ring, and a factor of
+E_RR; both start the next solution.
 """
 
 import math
@@ -24,6 +24,8 @@ from cosim.errors import InputError, MeshError
 from cosim.soft.beams.ring_kernels import BAND, BeamArrays, add_beam_rings, peak_strains, ring_axes
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
+
+_SLACK = 1e-9  # share of a rim's length; smaller differences are rounding
 
 
 @final
@@ -93,7 +95,7 @@ class BeamRings(LeafElement):
         rings: (f, m) nodes, in order around each ring.
         directors: (f, m, 3, 3), of the beam from each node to the next: along it, in the ring's plane, across
             it; in axes of the ring.
-        lengths: (f, m) [m], drawn.
+        lengths: (f, m) [m], without loads.
         section: of all beams.
     """
 
@@ -105,13 +107,16 @@ class BeamRings(LeafElement):
     section: RectangularSection
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, section: RectangularSection) -> "BeamRings":
-        """Return stiffeners that are stress free in the given shape.
+    def from_shape(
+        cls, positions: Array, rings: IntArray, section: RectangularSection, ratio: float = 1.0
+    ) -> "BeamRings":
+        """Return stiffeners that are stress free where each ring is the given one, scaled about its centre.
 
         Args:
             positions: (n, 3) [m], drawn shape.
             rings: (f, m) nodes, in order around each ring.
             section: of all beams.
+            ratio: scale; lengths without loads are ratio times those drawn.
 
         Raises:
             MeshError: a ring has fewer than 3 nodes, lies on a line, or has two nodes in one place.
@@ -142,7 +147,7 @@ class BeamRings(LeafElement):
         across = normal - (normal * along).sum(axis=2, keepdims=True) * along
         across /= np.linalg.norm(across, axis=2, keepdims=True)
         directors = np.stack([along, cross(across, along), across], axis=2)
-        return cls(rings, np.ascontiguousarray(directors @ axes[:, None]), lengths, section)
+        return cls(rings, np.ascontiguousarray(directors @ axes[:, None]), ratio * lengths, section)
 
     def first_memory(self, positions: Array) -> Array:
         count, nodes = self.rings.shape
@@ -175,6 +180,16 @@ class BeamRings(LeafElement):
         """
         size = self.section.width_m, self.section.height_m
         return np.asarray(peak_strains(positions, self.arrays, *size, memory))
+
+
+def is_slack(body: SoftBody) -> bool:
+    """Return whether the film of a body is drawn wider than a frame, and so is slack in it."""
+    for beams in body.of_kind(BeamRings):
+        point = body.positions[beams.rings]
+        drawn = np.linalg.norm(np.roll(point, -1, axis=1) - point, axis=2)
+        if (beams.lengths.sum(axis=1) < (1.0 - _SLACK) * drawn.sum(axis=1)).any():
+            return True
+    return False
 
 
 class StiffenerStrain(NamedTuple):

@@ -97,7 +97,7 @@ class FrameRings(LeafElement):
     Args:
         rings: (f, m) nodes, in order around each ring.
         projections: (f, m, m), P.
-        lengths: (f, m) [m], drawn lengths of the chords.
+        lengths: (f, m) [m], lengths of the chords without loads.
         stiffness_N_m: k.
         leads_on: whether it joins films that nothing else joins, as a plate does.
     """
@@ -111,13 +111,16 @@ class FrameRings(LeafElement):
     leads_on: bool = False
 
     @classmethod
-    def from_shape(cls, positions: Array, rings: IntArray, stiffness_N_m: float) -> "FrameRings":
-        """Return frames that are stress free in the given shape.
+    def from_shape(
+        cls, positions: Array, rings: IntArray, stiffness_N_m: float, ratio: float = 1.0
+    ) -> "FrameRings":
+        """Return frames that are stress free where each ring is the given one, scaled about its centre.
 
         Args:
             positions: (n, 3) [m], drawn shape.
             rings: (f, m) nodes, in order around each ring.
             stiffness_N_m: k.
+            ratio: scale; P x is the same for a ring of any size, chords have ratio times their drawn lengths.
 
         Raises:
             MeshError: a ring has fewer than 3 nodes, lies on a line or is a parallelogram of 4 nodes (its
@@ -138,7 +141,7 @@ class FrameRings(LeafElement):
         projections = np.array([_projection(ring, e) for e, ring in enumerate(drawn)])
         projections = projections.reshape(len(rings), rings.shape[1], rings.shape[1])
         chords = np.roll(drawn, -(rings.shape[1] // 3), axis=1) - drawn
-        return cls(rings, projections, np.linalg.norm(chords, axis=2), stiffness_N_m)
+        return cls(rings, projections, ratio * np.linalg.norm(chords, axis=2), stiffness_N_m)
 
     @classmethod
     def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> "FrameRings":

@@ -8,10 +8,13 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
+from cosim.soft.beams.beam_rings import is_slack
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import describe_largest
 from cosim.soft.elements.cable import losses_follow
+from cosim.soft.elements.frame_stops import FrameStops
+from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import branching, newton
 from cosim.soft.solve.branch_switching import switch_branch
 from cosim.soft.solve.branching import LowestMode
@@ -165,12 +168,34 @@ class EquilibriumSolver:
         """
         hanging = Loads((), (0.0,) * len(self.solver.film.body.cables), gravity)
         with self.effort.search("the equilibrium without pressure and tension"):
+            state = self._frames_apart(state, world_from_flange, hanging)
             try:
                 return self.switch_branch(None, self.solve(state, world_from_flange, hanging))
             except ConvergenceError:
                 if not self.slides_max:
                     raise
                 return self.switch_branch(None, self.slide(state, world_from_flange, hanging))
+
+    def _frames_apart(self, state: SoftState, world_from_flange: Pose, hanging: Loads) -> SoftState:
+        """Return a start at which the frames of slack film are apart; other states as they are.
+
+        Units are drawn flatter than their frames are high. Pushed apart from there, slack film crumples.
+        Without the contact of frames each unit opens to a cone, which takes up the slack, and frames come
+        apart.
+        """
+        body = self.solver.film.body
+        if not body.of_kind(FrameStops) or not is_slack(body):
+            return state
+        film = FilmPotential(body.with_other(FrameStops))
+        newton_solver = newton.NewtonSolver(film, self.solver.clamped)
+        free_frames = EquilibriumSolver(
+            newton_solver, self.clamp, self.options, self.self_contact, self.effort
+        )
+        free_frames.obstacles = self.obstacles
+        try:
+            return free_frames.solve(state, world_from_flange, hanging).state
+        except ConvergenceError:
+            return state
 
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.

@@ -1,0 +1,70 @@
+"""Film that is slack in its frames opens without pressure, and is followed up and down in few iterations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cosim.base.frames import Pose
+from cosim.build.soft_body import build_soft_body
+from cosim.config.loading import load_scenario
+from cosim.config.schema.soft_robot import SoftRobotTable
+from cosim.soft.beams.beam_rings import is_slack
+from cosim.soft.body.loads import Loads
+from cosim.soft.film.film import FilmPotential
+from cosim.soft.solve.clamp import Clamp
+from cosim.soft.solve.equilibrium import EquilibriumSolver
+from cosim.soft.solve.newton import NewtonSolver
+from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.state import Equilibrium, SoftState
+
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def solver_of(ratio: float, refine: int = 0) -> EquilibriumSolver:
+    """Return a solver of three square units whose frames rest on one another."""
+    changes = {
+        "model.published": False,
+        "soft_robot.stiffener.side_ratio": ratio,
+        "soft_robot.stack.refine": refine,
+    }
+    scenario = load_scenario("three_unit_inflation", changes)
+    assert isinstance(scenario.soft_robot, SoftRobotTable)
+    body = build_soft_body(scenario.soft_robot, scenario.model)
+    clamp = Clamp.of_base(body)
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
+    return EquilibriumSolver(newton, clamp, NewtonOptions(reuse_max=8, reuse_below_N=1.0))
+
+
+def hung(solver: EquilibriumSolver) -> Equilibrium:
+    return solver.hang(SoftState.drawn(solver.body, Pose()), Pose(), WEIGHTLESS)
+
+
+def length_mm(solver: EquilibriumSolver, found: Equilibrium) -> float:
+    return 1e3 * float(solver.body.tip_position(found.state.positions)[2])
+
+
+@pytest.mark.parametrize("ratio", [0.98, 0.99, 0.995])
+def test_without_pressure_each_film_opens_to_a_cone_that_takes_up_the_slack(ratio: float) -> None:
+    solver = solver_of(ratio)
+    opened = length_mm(solver, hung(solver))
+    # 30 mm from the middle to a side, in a frame that is smaller: two films a unit
+    cone = np.sqrt(1.0 - ratio**2) * 30.0
+    assert opened == pytest.approx(6.0 * cone, rel=0.08)
+    assert is_slack(solver.body)
+    assert not is_slack(solver_of(1.0).body)
+
+
+@pytest.mark.parametrize("refine", [0, pytest.param(1, marks=pytest.mark.long)])
+def test_slack_film_is_followed_up_to_10_kPa_and_down_to_nothing(refine: int) -> None:
+    solver = solver_of(0.99, refine)
+    here, lengths = hung(solver), []
+    for pressure in (3e3, 10e3, 3e3, 1e3, 300.0, 0.0):
+        here = solver.follow(here, Pose(), Loads((pressure,), (), WEIGHTLESS))
+        assert here.iterations < 200
+        assert not here.slides
+        assert not here.branchings
+        lengths.append(length_mm(solver, here))
+    assert lengths[2] == pytest.approx(lengths[0], rel=2e-3)
+    assert lengths[1] > 1.15 * lengths[0]
+    assert np.diff(lengths[1:]).max() < (0.0 if refine == 0 else 1.0)
