@@ -9,7 +9,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # what Python compiles is kept: otherwise each process that a test starts compiles all that it imports
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-long kernels check docs site format lint types benchmark clean
+.PHONY: help demo test test-long kernels check docs site format lint types packages benchmark clean
 
 help:
 	@echo "make demo       install into .venv and run the reference scenario"
@@ -22,6 +22,7 @@ help:
 	@echo "make format     format the code"
 	@echo "make lint       ruff, and the order of the rooms"
 	@echo "make types      mypy"
+	@echo "make packages   wheel and sources in dist/, checked, and the wheel tried in an environment of its own"
 	@echo "make benchmark  measure speed and accuracy (benchmarks/)"
 	@echo "make clean      remove .venv, caches and runs"
 
@@ -63,6 +64,17 @@ lint: .venv/installed-dev
 
 types: .venv/installed-dev
 	$(BIN)/mypy
+
+# the wheel stands alone: it runs the reference scenario where nothing else of these sources is
+packages:
+	rm -rf dist build/packages
+	$(PYTHON) -m venv build/packages/tools
+	build/packages/tools/bin/python -m pip install --quiet build twine
+	build/packages/tools/bin/python -m build --outdir dist .
+	build/packages/tools/bin/python -m twine check --strict dist/*
+	$(PYTHON) -m venv build/packages/empty
+	build/packages/empty/bin/python -m pip install --quiet dist/*.whl
+	cd build/packages && empty/bin/cosim run $(SCENARIO) --out run
 
 benchmark: .venv/installed-dev
 	@for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done

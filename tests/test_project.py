@@ -10,6 +10,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import cosim
 from cosim.base.resources import list_scenarios, list_soft_robots
@@ -29,6 +31,22 @@ def test_every_make_target_of_the_readme_exists() -> None:
 
 def test_continuous_integration_runs_the_readmes_test_command() -> None:
     assert "make test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+
+
+def test_the_tested_set_of_packages_fits_what_the_project_asks_for() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = [
+        *project["dependencies"],
+        *(one for each in ("dev", "docs") for one in project["optional-dependencies"][each]),
+    ]
+    tested = {
+        canonicalize_name(name): version
+        for name, version in re.findall(
+            r"^([\w.-]+)==(\S+)$", (ROOT / "constraints.txt").read_text("utf-8"), re.M
+        )
+    }
+    for requirement in map(Requirement, asked):
+        assert requirement.specifier.contains(tested[canonicalize_name(requirement.name)]), requirement
 
 
 def test_every_command_of_the_readme_is_understood(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@ only these are replaced or deleted. The writer locks the marker; the lock ends w
 """
 
 import errno
-import fcntl
 import os
 from contextlib import suppress
 from hashlib import sha256
@@ -11,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, TextIO, final
 
+from cosim.base import platform
 from cosim.base.whole_files import unfinished_files, write_whole
 from cosim.errors import InputError
 
@@ -170,14 +170,12 @@ class OutputDirectory:
         except OSError as error:
             raise self._unwritable(error) from error
         try:
-            fcntl.flock(marker, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            platform.lock_file(marker.fileno())
         except BlockingIOError:
             marker.close()
             raise InputError(
                 f"--out {self.path}: another process is writing there; wait for it, or give another directory"
             ) from None
-        except OSError:
-            pass  # a file system without locks: results are written unlocked
         self._marker = marker
         if os.fstat(marker.fileno()).st_size == 0:
             marker.write(_HEADER)

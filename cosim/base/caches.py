@@ -18,7 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final, TypeVar
 
-from cosim.base import whole_files
+from cosim.base import platform, whole_files
 
 KERNELS, PLANS, SECTION_MODELS = KINDS = ("kernels", "plans", "section_models")
 VARIABLE: Final = "COSIM_CACHE_DIR"
@@ -64,13 +64,16 @@ def _usable(kind: str, chosen: str | None, base: str) -> tuple[Path | None, tupl
     if chosen:
         parents = [Path(chosen), *(folder for folder in parents if folder.parent != _PACKAGE)]
     candidates = [folder / kind for folder in parents]
-    user, writable, of_root = os.getuid(), None, list[Path]()
+    user, writable, of_root = platform.user_id(), None, list[Path]()
     for folder in candidates:
         try:
             if writable is None:
                 folder.mkdir(mode=_mode(), parents=True, exist_ok=True)
             status = folder.stat()
         except OSError:
+            continue
+        if user is None:
+            writable = writable or (folder if os.access(folder, os.W_OK) else None)
             continue
         if writable is not None and status.st_uid != 0:
             continue
@@ -89,7 +92,7 @@ def _usable(kind: str, chosen: str | None, base: str) -> tuple[Path | None, tupl
 
 def _mode() -> int:
     """Return the mode of a new folder; everybody may read a folder that root makes."""
-    return 0o700 if os.getuid() else 0o755
+    return 0o755 if platform.user_id() == 0 else 0o700
 
 
 def store(kind: str, name: str, data: bytes) -> None:

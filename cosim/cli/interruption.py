@@ -6,6 +6,7 @@ import signal
 from types import FrameType, TracebackType
 from typing import Any, final
 
+from cosim.base.platform import HANG_UP
 from cosim.telemetry import run_info, tick_batch
 
 
@@ -24,9 +25,9 @@ class Interruption:
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> "Interruption":
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-                self._previous[number] = signal.signal(number, self._handle)
+        hang_up = [] if HANG_UP is None or signal.getsignal(HANG_UP) == signal.SIG_IGN else [HANG_UP]
+        for number in (signal.SIGINT, signal.SIGTERM, *hang_up):
+            self._previous[number] = signal.signal(number, self._handle)
         return self
 
     def __exit__(
@@ -56,7 +57,7 @@ class Interruption:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         repeated = self.signal_number is not None
-        if repeated and number == signal.SIGHUP:
+        if repeated and number == HANG_UP:
             return
         self.signal_number = number
         if repeated or not self._running:

@@ -36,7 +36,7 @@ tip_target = { height_m = 0.9, reach_with = "cables" }
 TARGET = "phase.lift.tip_target"
 KEY = "solver.search_iterations_max"
 BOUND = re.compile(r"the search for (.+?) reached its bound of (\d+) Newton iterations")
-TRIED = re.compile(r"(.+?): looking for (.+): (\d+) s so far, given up after about (\d+) s")
+TRIED = re.compile(r"(.+?): looking for (.+): (\d+) s so far(?:, given up after about (\d+) s)?")
 
 
 @pytest.fixture
@@ -94,7 +94,9 @@ def test_a_search_that_lasts_says_what_it_tries(
     assert any(
         re.match(r"cable tensions for a tip target, cable tensions \[.*\] N, ", what) for what in tried
     )
-    spent_s = [(int(passed), int(longest)) for place, _, passed, longest in told if place == TARGET]
+    spent_s = [
+        (int(passed), int(longest)) for place, _, passed, longest in told if place == TARGET and longest
+    ]
     assert all(passed <= 1.1 * longest for passed, longest in spent_s)
     assert min(longest for _, longest in spent_s) < 10 * max(passed for passed, _ in spent_s)
     assert main([*words, "--quiet", "--out", str(tmp_path / "quiet")]) == 2

@@ -5,10 +5,12 @@ another, in which every body has one colour, so that edges do not mix.
 """
 
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from ctypes.util import find_library
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, Final, final
 
 import mujoco
@@ -24,7 +26,8 @@ NOTHING, FILM, FIRST_BODY = 0, 1, 2
 _NEAR_m: Final = 0.005
 _FAR_m: Final = 20.0
 _FILM_RGBA: Final = (0.75, 0.80, 0.88, 1.0)
-_LIBRARIES: Final = {"egl": "EGL", "osmesa": "OSMesa"}
+_LIBRARIES: Final = {"cgl": "CGL"} if sys.platform == "darwin" else {"egl": "EGL", "osmesa": "OSMesa"}
+"""What draws without a screen: name in MUJOCO_GL and in MuJoCo's package, and the system's library."""
 _REMEDY: Final = (
     "install EGL (Debian: apt install libegl1 libgl1-mesa-dri) or OSMesa (libosmesa6), and choose one by the "
     "environment variable MUJOCO_GL=egl or MUJOCO_GL=osmesa"
@@ -222,17 +225,12 @@ def _model(scene: DrawnScene, lenses: Sequence[Lens]) -> Any:
 def _gl_context(width: int, height: int) -> Any:
     """Return an offscreen context of the library that MUJOCO_GL names, or of the first that is installed."""
     asked = os.environ.get("MUJOCO_GL", "").lower()
-    names = (
-        [asked] if asked in _LIBRARIES else [name for name in _LIBRARIES if find_library(_LIBRARIES[name])]
-    )
+    there = [name for name in _LIBRARIES if name == "cgl" or find_library(_LIBRARIES[name])]
+    names = [asked] if asked in _LIBRARIES else there  # CGL is a part of macOS
     if not names:
         raise OutputError(f"cameras draw without a screen by EGL or OSMesa, and neither is there: {_REMEDY}")
     try:
-        if names[0] == "egl":
-            from mujoco.egl import GLContext
-        else:
-            from mujoco.osmesa import GLContext
-        return GLContext(width, height)
+        return import_module(f"mujoco.{names[0]}").GLContext(width, height)
     except Exception as error:  # drivers raise any exception
         text = (str(error).splitlines() or [""])[0]
         raise OutputError(

@@ -12,6 +12,8 @@ from cosim.soft.solve.newton_options import NewtonOptions, NewtonResult
 
 _SILENT_S: Final = 2.0
 """Wall time after which a search first reports its progress; then after twice the time, and so on."""
+_FORESEEN: Final = 0.1
+"""Share of the iterations that a search may take, from which on its longest time can be foretold."""
 
 
 def say_nothing(_what: object) -> None:
@@ -163,8 +165,6 @@ class SearchEffort:
             self._next = now + (now - self._began)
             prefix = f"{self.place}: " if self.place else ""
             goal = f"{self._within[0]}, {self.activity}" if self.activity else self._within[0]
-            passed_s = now - self._began
-            longest_s = passed_s * self._bound / max(1, self.spent + under_way)
-            self.report(
-                f"{prefix}looking for {goal}: {passed_s:.0f} s so far, given up after about {longest_s:.0f} s"
-            )
+            passed_s, done = now - self._began, (self.spent + under_way) / self._bound
+            end = f", given up after about {passed_s / done:.0f} s" if done > _FORESEEN else ""
+            self.report(f"{prefix}looking for {goal}: {passed_s:.0f} s so far{end}")
