@@ -382,9 +382,9 @@ def _tips(body: SoftBody, model: SectionModel, films: self_contact.FilmContactLa
     chain = ChainSolver(SectionBody(body, model))
     pull = _PULL_OF_WEIGHT * 9.81 * body.mass_kg
     slack = (0.0,) * len(body.cables)
-    straight = solver.solve(
-        state.SoftState.drawn(body, Pose()), Pose(), loads.Loads((), slack, (0.0, 0.0, 0.0))
-    )
+    empty = loads.Loads((), slack, (0.0, 0.0, 0.0))
+    opened = solver.opened(state.SoftState.drawn(body, Pose()), Pose(), empty)
+    straight = solver.solve(opened, Pose(), empty)
     tips = []
     for pressure in (fraction * model.spline.largest_Pa for fraction in _COMPARED):
         hanging_loads = loads.Loads((pressure,), slack, (0.0, 0.0, 9.81))

@@ -107,6 +107,11 @@ class Sampler:
         self.reached: list[float] = []
         self._radii = np.array([np.linalg.norm(shape, axis=1).max() for shape in frames.shapes])
 
+    def _without_loads(self) -> state.Equilibrium:
+        """Return the equilibrium without loads, near the drawn shape."""
+        drawn = state.SoftState.drawn(self._body, Pose())
+        return self._solver.solve(self._solver.opened(drawn, Pose(), self._slack), Pose(), self._slack)
+
     def collect(self, work: WorkingRange, seed: int) -> Samples:
         """Return samples over a working range.
 
@@ -115,7 +120,7 @@ class Sampler:
             seed: of the random poses.
         """
         random = np.random.default_rng(seed)
-        unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        unloaded = self._without_loads()
         longest = self._still_lengths(unloaded, work.pressures_Pa[-1])
         rows: list[Sample] = []
         lengths, failures = [], 0
@@ -144,7 +149,7 @@ class Sampler:
         # near starts allow reuse; on the coarse mesh it leads crumpled films to other equilibria
         near_start_options = replace(self._solver.options, reuse_max=_REUSE_MAX, reuse_below_N=_REUSE_BELOW_N)
         self._solver.options = near_start_options
-        unloaded = self._solver.solve(state.SoftState.drawn(self._body, Pose()), Pose(), self._slack)
+        unloaded = self._without_loads()
         rows, failures, mesh_difference = list[Sample](), 0, np.zeros_like(unloaded.state.positions)
         for level, pressure in enumerate(np.unique(coarse.pressure_Pa).tolist()):
             straight_sample, *bent_samples = np.flatnonzero(coarse.pressure_Pa == pressure).tolist()

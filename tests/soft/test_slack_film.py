@@ -9,13 +9,13 @@ from cosim.base.frames import Pose
 from cosim.build.soft_body import build_soft_body
 from cosim.config.loading import load_scenario
 from cosim.config.schema.soft_robot import SoftRobotTable
-from cosim.soft.beams.beam_rings import is_slack
 from cosim.soft.body.loads import Loads
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve.clamp import Clamp
 from cosim.soft.solve.equilibrium import EquilibriumSolver
 from cosim.soft.solve.newton import NewtonSolver
 from cosim.soft.solve.newton_options import NewtonOptions
+from cosim.soft.solve.slack_film import is_slack
 from cosim.soft.solve.state import Equilibrium, SoftState
 
 WEIGHTLESS = (0.0, 0.0, 0.0)
@@ -59,12 +59,32 @@ def test_without_pressure_each_film_opens_to_a_cone_that_takes_up_the_slack(rati
 def test_slack_film_is_followed_up_to_10_kPa_and_down_to_nothing(refine: int) -> None:
     solver = solver_of(0.99, refine)
     here, lengths = hung(solver), []
-    for pressure in (3e3, 10e3, 3e3, 1e3, 300.0, 0.0):
+    lengths.append(length_mm(solver, here))
+    for pressure in (3e3, 10e3, 3e3, 1e3, 0.0):
         here = solver.follow(here, Pose(), Loads((pressure,), (), WEIGHTLESS))
-        assert here.iterations < 200
+        assert here.iterations < 150
         assert not here.slides
         assert not here.branchings
         lengths.append(length_mm(solver, here))
-    assert lengths[2] == pytest.approx(lengths[0], rel=2e-3)
-    assert lengths[1] > 1.15 * lengths[0]
-    assert np.diff(lengths[1:]).max() < (0.0 if refine == 0 else 1.0)
+    assert lengths[2] > 1.15 * lengths[1]
+    assert lengths[3] == pytest.approx(lengths[1], rel=2e-3)
+    assert lengths[5] == pytest.approx(lengths[0], rel=2e-3)
+
+
+def test_fitting_film_starts_from_its_drawn_shape() -> None:
+    solver = solver_of(1.0)
+    drawn = SoftState.drawn(solver.body, Pose())
+    assert solver.hang(drawn, Pose(), WEIGHTLESS).iterations > 0
+    assert length_mm(solver, hung(solver)) < 9.0  # frames 2.4 mm high and two films rest on one another
+
+
+def test_the_stiff_frame_s_film_opens_as_well() -> None:
+    changes = {"model.published": False, "soft_robot.stiffener": {"kind": "stiff", "side_ratio": 0.99}}
+    scenario = load_scenario("three_unit_inflation", changes)
+    assert isinstance(scenario.soft_robot, SoftRobotTable)
+    body = build_soft_body(scenario.soft_robot, scenario.model)
+    clamp = Clamp.of_base(body)
+    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
+    solver = EquilibriumSolver(newton, clamp, NewtonOptions(reuse_max=8, reuse_below_N=1.0))
+    assert is_slack(body)
+    assert length_mm(solver, hung(solver)) == pytest.approx(6.0 * np.sqrt(1.0 - 0.99**2) * 30.0, rel=0.08)

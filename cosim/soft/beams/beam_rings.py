@@ -25,8 +25,6 @@ from cosim.soft.beams.ring_kernels import BAND, BeamArrays, add_beam_rings, peak
 from cosim.soft.body.body import SoftBody
 from cosim.soft.elements.element import NODES, ROWS, Call, LeafElement, Remembered, writable
 
-_SLACK = 1e-9  # share of a rim's length; smaller differences are rounding
-
 
 @final
 @dataclass(frozen=True)
@@ -149,6 +147,11 @@ class BeamRings(LeafElement):
         directors = np.stack([along, cross(across, along), across], axis=2)
         return cls(rings, np.ascontiguousarray(directors @ axes[:, None]), ratio * lengths, section)
 
+    def drawn_lengths(self, positions: Array) -> Array:
+        """Return the distances (f, m) [m] of neighbouring nodes in a shape (n, 3) [m]."""
+        point = positions[self.rings]
+        return np.asarray(np.linalg.norm(np.roll(point, -1, axis=1) - point, axis=2))
+
     def first_memory(self, positions: Array) -> Array:
         count, nodes = self.rings.shape
         return np.tile(np.append(np.tile([1.0, 0.0, 0.0, 0.0], nodes), np.zeros(3 * BAND * nodes)), count)
@@ -180,16 +183,6 @@ class BeamRings(LeafElement):
         """
         size = self.section.width_m, self.section.height_m
         return np.asarray(peak_strains(positions, self.arrays, *size, memory))
-
-
-def is_slack(body: SoftBody) -> bool:
-    """Return whether the film of a body is drawn wider than a frame, and so is slack in it."""
-    for beams in body.of_kind(BeamRings):
-        point = body.positions[beams.rings]
-        drawn = np.linalg.norm(np.roll(point, -1, axis=1) - point, axis=2)
-        if (beams.lengths.sum(axis=1) < (1.0 - _SLACK) * drawn.sum(axis=1)).any():
-            return True
-    return False
 
 
 class StiffenerStrain(NamedTuple):

@@ -143,6 +143,11 @@ class FrameRings(LeafElement):
         chords = np.roll(drawn, -(rings.shape[1] // 3), axis=1) - drawn
         return cls(rings, projections, ratio * np.linalg.norm(chords, axis=2), stiffness_N_m)
 
+    def drawn_lengths(self, positions: Array) -> Array:
+        """Return the lengths (f, m) [m] of the chords in a shape (n, 3) [m]."""
+        point = positions[self.rings]
+        return np.asarray(np.linalg.norm(np.roll(point, -(point.shape[1] // 3), axis=1) - point, axis=2))
+
     @classmethod
     def plate(cls, positions: Array, nodes: IntArray, stiffness_N_m: float) -> "FrameRings":
         """Return one frame of nodes that sit on a plate, in any order.

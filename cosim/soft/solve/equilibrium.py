@@ -8,12 +8,10 @@ import numpy as np
 
 from cosim.base.frames import Array, IntArray, Pose
 from cosim.errors import ConvergenceError
-from cosim.soft.beams.beam_rings import is_slack
 from cosim.soft.body.body import SoftBody
 from cosim.soft.body.loads import Loads
 from cosim.soft.body.places import describe_largest
 from cosim.soft.elements.cable import losses_follow
-from cosim.soft.elements.frame_stops import FrameStops
 from cosim.soft.film.film import FilmPotential
 from cosim.soft.solve import branching, newton
 from cosim.soft.solve.branch_switching import switch_branch
@@ -25,6 +23,7 @@ from cosim.soft.solve.pseudo_time import slide
 from cosim.soft.solve.search_effort import SearchEffort
 from cosim.soft.solve.self_contact import SelfContact
 from cosim.soft.solve.sensitivity import Sensitivity
+from cosim.soft.solve.slack_film import is_slack, open_film
 from cosim.soft.solve.state import Equilibrium, Obstacles, SoftState
 
 _SPLITS_MAX = 8
@@ -168,7 +167,7 @@ class EquilibriumSolver:
         """
         hanging = Loads((), (0.0,) * len(self.solver.film.body.cables), gravity)
         with self.effort.search("the equilibrium without pressure and tension"):
-            state = self._frames_apart(state, world_from_flange, hanging)
+            state = self.opened(state, world_from_flange, hanging)
             try:
                 return self.switch_branch(None, self.solve(state, world_from_flange, hanging))
             except ConvergenceError:
@@ -176,26 +175,29 @@ class EquilibriumSolver:
                     raise
                 return self.switch_branch(None, self.slide(state, world_from_flange, hanging))
 
-    def _frames_apart(self, state: SoftState, world_from_flange: Pose, hanging: Loads) -> SoftState:
-        """Return a start at which the frames of slack film are apart; other states as they are.
+    def opened(self, state: SoftState, world_from_flange: Pose, hanging: Loads) -> SoftState:
+        """Return where slack film opens to; the given state if it is not slack, or no way there is found.
 
-        Units are drawn flatter than their frames are high. Pushed apart from there, slack film crumples.
-        Without the contact of frames each unit opens to a cone, which takes up the slack, and frames come
-        apart.
+        Args:
+            state: drawn shape on the flange.
+            world_from_flange: pose of the flange.
+            hanging: loads without pressure and tension.
         """
         body = self.solver.film.body
-        if not body.of_kind(FrameStops) or not is_slack(body):
+        if not is_slack(body):
             return state
-        film = FilmPotential(body.with_other(FrameStops))
-        newton_solver = newton.NewtonSolver(film, self.solver.clamped)
-        free_frames = EquilibriumSolver(
-            newton_solver, self.clamp, self.options, self.self_contact, self.effort
-        )
-        free_frames.obstacles = self.obstacles
         try:
-            return free_frames.solve(state, world_from_flange, hanging).state
+            return open_film(self._of_other, body, state, world_from_flange, hanging)
         except ConvergenceError:
             return state
+
+    def _of_other(self, body: SoftBody) -> "EquilibriumSolver":
+        """Return a solver of a body with other elements, held as this one; its iterations count here."""
+        film = FilmPotential(body)
+        newton_solver = newton.NewtonSolver(film, self.solver.clamped)
+        other = EquilibriumSolver(newton_solver, self.clamp, self.options, self.self_contact, self.effort)
+        other.obstacles = self.obstacles
+        return other
 
     def load(self, hung: Equilibrium, loads: Loads) -> Equilibrium:
         """Find the equilibrium under the first loads.
