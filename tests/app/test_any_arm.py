@@ -16,6 +16,7 @@ from cosim.cli.main import main
 from cosim.kinematics.arm import Arm
 from cosim.plan.flange_motion import rotation_from_direction
 from tests.config.arm_texts import GANTRY_MJCF, SIX_JOINTS_MJCF
+from tests.pages import page
 
 SCENARIO = """schema = 2
 title = "a finger on any arm"
@@ -94,8 +95,7 @@ def test_the_page_on_extending_is_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its files are written where it says, its commands are run as they stand."""
-    page = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
-    section = page.partition("\n## An arm\n")[2].partition("\n## ")[0]
+    section = page("extending").partition("\n## An arm\n")[2].partition("\n## ")[0]
     texts = re.findall(r"```(?:xml|toml)\n(.*?)```", section, re.DOTALL)
     for name, text in zip(("scara/scara.urdf", "scara/arm.toml", "lower.toml"), texts, strict=True):
         assert f"`{name}`" in section

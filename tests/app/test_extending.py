@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 import cosim
+from tests.pages import page
 
 PACKAGE = Path(cosim.__file__).parent
-PAGE = PACKAGE.parent / "docs" / "extending.md"
 ARM = """\
 [soft_robot]
 file = "square_core_cables"
@@ -47,7 +47,7 @@ REPORT = "print(result.summary['status'], len(result.tip_position))\n"
 
 def blocks(title: str, language: str) -> list[str]:
     """Return what stands in a section of the page in some language."""
-    (section,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE.read_text("utf-8"), re.M | re.S)
+    (section,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", page("extending"), re.M | re.S)
     return re.findall(rf"^```{language}\n(.*?)^```$", section, re.M | re.S)
 
 

@@ -22,10 +22,10 @@ from cosim.soft.body.copies import around_axis, copies
 from cosim.soft.body.places import center_line_length, center_rings
 from cosim.soft.elements.hinge import Hinges
 from cosim.telemetry.tick_batch import TickBatch
+from tests.pages import page
 from tests.soft import own_tube
 from tests.soft.own_tube import LENGTH_M, tube
 
-PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 SCENARIO = """\
 schema = 2
 title = "a tube of my own, inflated and bent"
@@ -85,9 +85,9 @@ def test_its_cuff_is_of_thicker_film(file: Path) -> None:
 
 def test_the_page_on_extending_shows_body_and_scenario() -> None:
     text = Path(own_tube.__file__ or "").read_text(encoding="utf-8")
-    page = PAGE.read_text(encoding="utf-8")
-    assert f"```python\n{text}```" in page
-    assert f"```toml\n{SCENARIO}```" in page
+    shown = page("extending")
+    assert f"```python\n{text}```" in shown
+    assert f"```toml\n{SCENARIO}```" in shown
 
 
 def columns(result: RunResult) -> dict[str, Array]:

@@ -20,10 +20,10 @@ from cosim.config.schema.soft_robot import ElementTable
 from cosim.config.toml.tables import adapter_of
 from cosim.errors import InputError, ScenarioError
 from cosim.stepping.dynamic import DynamicSimulation
+from tests.pages import page
 from tests.soft import dashpot
 from tests.soft.dashpot import Dashpots, DashpotTable
 
-PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 SCENARIO = """
 schema = 2
 title = "an arm with dashpots"
@@ -147,6 +147,6 @@ def test_editors_are_told_of_it() -> None:
 
 def test_the_page_on_extending_shows_the_file() -> None:
     file = Path(dashpot.__file__ or "").read_text(encoding="utf-8")
-    page = PAGE.read_text(encoding="utf-8")
-    assert f"```python\n{file}```" in page
-    assert DASHPOT.format(damping=200.0).strip() in page
+    shown = page("extending")
+    assert f"```python\n{file}```" in shown
+    assert DASHPOT.format(damping=200.0).strip() in shown

@@ -23,8 +23,8 @@ from cosim.devices.controller import RobotState
 from cosim.plan.commands import RobotCommand
 from tests.devices import device_parts, sine_commands
 from tests.devices.sine_commands import SineTable
+from tests.pages import page
 
-PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 SINE = """
 [[command]]
 kind = "sine"
@@ -162,6 +162,6 @@ def test_editors_are_told_of_it() -> None:
 
 def test_the_page_on_extending_shows_the_file() -> None:
     file = Path(sine_commands.__file__ or "").read_text(encoding="utf-8")
-    page = PAGE.read_text(encoding="utf-8")
-    assert f"```python\n{file}```" in page
-    assert SINE.strip() in page
+    shown = page("extending")
+    assert f"```python\n{file}```" in shown
+    assert SINE.strip() in shown

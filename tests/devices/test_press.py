@@ -11,10 +11,10 @@ import pytest
 import cosim
 from tests.devices import press
 from tests.devices.press import Press
+from tests.pages import page
 from tests.soft.own_tube import tube
 
-PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
-TEXT = PAGE.read_text(encoding="utf-8")
+TEXT = page("extending")
 (SCENARIO,) = re.findall(r"```toml\n(schema = 2\ntitle = \"a soft robot is pressed.*?)```", TEXT, re.DOTALL)
 TUBE = {"start.pressure_Pa": 5e3, "start.flange.position_m": [0.5, 0.0, 0.607], "phase.press.duration_s": 1.2}
 

@@ -11,10 +11,10 @@ import pytest
 
 import cosim
 from cosim.app import preparation
+from tests.pages import page
 from tests.recording import tip_speed
 from tests.recording.tip_speed import TipSpeed
 
-PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 CHANGES = {"model.published": True, "clock.tick_s": 0.01}
 
 
@@ -47,4 +47,4 @@ def test_a_view_records_what_the_run_returns(
 
 def test_the_page_on_extending_shows_the_file() -> None:
     file = Path(tip_speed.__file__ or "").read_text(encoding="utf-8")
-    assert f"```python\n{file}```" in PAGE.read_text(encoding="utf-8")
+    assert f"```python\n{file}```" in page("extending")
