@@ -38,8 +38,14 @@ def studies(folder: Path) -> dict[str, DesignStudyTable]:
     Args:
         folder: that their files are written to.
     """
+    page = re.sub(
+        r"^```\{literalinclude\} (\S+\.toml)\n```$",
+        lambda mark: f"```toml\n{(PAGE.parent / mark[1]).read_text()}```",
+        PAGE.read_text(),
+        flags=re.M,
+    )
     found = {}
-    for name, text in re.findall(r"^```toml\n# (\w+)\.toml\n(.*?)^```$", PAGE.read_text(), re.M | re.S):
+    for name, text in re.findall(r"^```toml\n# (\w+)\.toml\n(.*?)^```$", page, re.M | re.S):
         path = folder / f"{name}.toml"
         path.write_text(text)
         if "[goal]" not in text:  # the robot of the study that follows

@@ -19,6 +19,7 @@ import pytest
 
 import cosim
 from cosim.cli.main import main
+from tests.pages import page as page_text
 
 ROOT = Path(__file__).resolve().parents[2]
 INCREMENTS = {"hang": 1, "inflate": 5, "turn": 5, "lift": 4, "reach": 2}
@@ -92,6 +93,11 @@ PAGES = {
 }
 
 
+def _text(name: str) -> str:
+    """Return a page, with the files that it includes as blocks."""
+    return PAGES[name].read_text("utf-8") if name == "README" else page_text(name)
+
+
 def _commands(shell: str) -> list[tuple[str, int]]:
     """Return the commands of a shell block that are run, with their exit codes; all others must be known."""
     found = []
@@ -130,7 +136,7 @@ def test_every_snippet_of_a_page_runs(
 
     monkeypatch.setitem(vars(cosim), "run", shortened)
     names: dict[str, object] = {"__name__": "__main__"}
-    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", PAGES[page].read_text("utf-8"), re.M | re.S)
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```$", _text(page), re.M | re.S)
     left = Counter(each for language, text in blocks if language == "sh" for each in _commands(text))
     begun: set[tuple[str, int]] = set()
     for language, text in blocks:
