@@ -74,6 +74,21 @@ def test_every_link_of_a_document_leads_somewhere() -> None:
     assert [(page.name, target) for page, target in links if not (page.parent / target).exists()] == []
 
 
+def test_every_page_is_reached_from_the_readme_by_links() -> None:
+    """As on the web, where the lists of Sphinx are no links."""
+    reached, todo = set[Path](), [ROOT / "README.md"]
+    while todo:
+        page = todo.pop().resolve()
+        if page in reached or not page.exists():
+            continue
+        reached.add(page)
+        if page.suffix == ".md":
+            links = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+            todo += [page.parent / link for link in links]
+    pages = [page for page in (ROOT / "docs").glob("*") if page.suffix in (".md", ".ipynb")]
+    assert [page.name for page in pages if page.resolve() not in reached] == []
+
+
 def test_every_page_stands_in_the_index() -> None:
     docs = ROOT / "docs"
     index = (docs / "index.md").read_text(encoding="utf-8")
