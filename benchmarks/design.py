@@ -39,7 +39,7 @@ def studies(folder: Path) -> dict[str, DesignStudyTable]:
         folder: that their files are written to.
     """
     page = re.sub(
-        r"^```\{literalinclude\} (\S+\.toml)\n```$",
+        r"^```\{literalinclude\} (\S+\.toml)\n:language: toml\n```$",
         lambda mark: f"```toml\n{(PAGE.parent / mark[1]).read_text()}```",
         PAGE.read_text(),
         flags=re.M,

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 DOCS = Path(__file__).parents[1] / "docs"
-LANGUAGES = {".py": "python", ".toml": "toml", ".urdf": "xml"}
+LANGUAGES = {".py": "python", ".toml": "toml", ".urdf": "xml", ".xml": "xml"}
 
 
 def page(name: str) -> str:

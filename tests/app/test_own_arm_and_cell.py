@@ -9,20 +9,19 @@ from pathlib import Path
 import pytest
 
 from cosim.cli.main import main
-
-PAGE = Path(__file__).parents[2] / "docs" / "own_arm_and_cell.md"
+from tests.pages import page
 
 
 def test_the_page_is_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    texts = re.findall(r"```(?:xml|toml)\n(.*?)```", page, re.DOTALL)
+    shown = page("own_arm_and_cell")
+    texts = re.findall(r"```(?:xml|toml)\n(.*?)```", shown, re.DOTALL)
     for name, text in zip(("arm.toml", "cell.xml", "press.toml"), texts, strict=True):
-        assert f"`{name}`" in page
+        assert f"`{name}`" in shown
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    commands = "".join(re.findall(r"```sh\n(.*?)```", page, re.DOTALL)).splitlines()
+    commands = "".join(re.findall(r"```sh\n(.*?)```", shown, re.DOTALL)).splitlines()
     assert [command.split()[1] for command in commands] == ["check", "check", "run"]
     for command in commands:
         assert main(command.split()[1:]) == 0
