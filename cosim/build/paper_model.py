@@ -10,7 +10,8 @@ from cosim.config.schema.film import FilmTable
 
 TAKEN_AWAY: Final = (
     "stack.mesh", "stack.refine_holes", "stack.neck", "film.law", "film.wrinkle_panel_m",
-    "film.buckling_force_N_m", "hinge.rule", "stiffener", "cable.losses", "cable.eyelet_loss_N",
+    "film.buckling_force_N_m", "film.stiffening", "hinge.rule", "stiffener", "cable.losses",
+    "cable.eyelet_loss_N",
 )  # fmt: skip
 """Keys of a robot's file that the paper's model ignores."""
 
@@ -36,4 +37,4 @@ def published_robot(robot: soft_robot.SoftRobotTable) -> soft_robot.SoftRobotTab
 def _published_film(film: FilmTable) -> FilmTable:
     """Return a film with the paper's law: "edge_strain" if the film has it, otherwise "plain"."""
     law = film.law if film.law == "edge_strain" else "plain"
-    return replace(film, law=law, wrinkle_panel_m=None, buckling_force_N_m=0.0)
+    return replace(film, law=law, wrinkle_panel_m=None, buckling_force_N_m=0.0, stiffening=0.0)

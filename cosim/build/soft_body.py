@@ -56,7 +56,7 @@ def build_film(table: FilmTable) -> material.Film:
     assert young_modulus_Pa is not None, "a checked film has one of the two"
     return material.Film(
         young_modulus_Pa, f.poisson_ratio, f.thickness_m, f.law, kept, f.wrinkle_panel_m, f.loss_factor,
-        f.loss_frequency_Hz, fabric, f.buckling_force_N_m,
+        f.loss_frequency_Hz, fabric, f.buckling_force_N_m, f.stiffening,
     )  # fmt: skip
 
 

@@ -98,6 +98,8 @@ class FilmTable(Table):
             sides of each unit's outer ring to those of its hole.
         buckling_force_N_m: compression per width, across any line, at which a film with law = "tension_field"
             wrinkles, such as E t^2 / (r sqrt(3 (1 - nu^2))) of a sheet curved with radius r.
+        stiffening: of a film with law = "neo_hookean", which stiffens at large stretch: the second constant
+            of Yeoh's law over the first, such as 0.03 of soft silicone.
         loss_factor: tan delta of the sheet, from its data sheet: in the dynamic mode it damps stretching and
             bending; rigid motion is not damped.
         loss_frequency_Hz: of that loss factor; that of a Kelvin-Voigt material is proportional to frequency.
@@ -110,6 +112,7 @@ class FilmTable(Table):
     law: Literal["plain", "tension_field", "edge_strain", "wrinkling", "neo_hookean"] = "plain"
     wrinkle_panel_m: PositiveLength | None = None
     buckling_force_N_m: NonNegativeStiffness = 0.0
+    stiffening: NonNegative = 0.0
     loss_factor: NonNegative = 0.0
     loss_frequency_Hz: PositiveFrequency = 1.0
     fabric: FabricTable | None = None
@@ -158,6 +161,11 @@ class FilmTable(Table):
     def _wrinkles_in_panels(self) -> Violations:
         if self.wrinkle_panel_m is not None and self.law != "wrinkling":
             yield "wrinkle_panel_m", f"goes with law = 'wrinkling'; the law is '{self.law}'"
+
+    @rule
+    def _stiffens_as_rubber(self) -> Violations:
+        if self.stiffening and self.law != "neo_hookean":
+            yield "stiffening", f"goes with law = 'neo_hookean'; the law is '{self.law}'"
 
     @rule
     def _resists_as_a_tension_field(self) -> Violations:

@@ -45,6 +45,7 @@ class Film:
         loss_frequency_Hz: at which it holds.
         fabric: further constants of woven film; its law is "plain" or "tension_field".
         buckling_force_N_m: compression across any line that a "tension_field" bears before it wrinkles.
+        stiffening: c of "neo_hookean" rubber, which stiffens by 2 c i at i = tr C + 1 / det C - 3.
 
     Raises:
         InputError: a constant out of its bounds, an unknown law, or a constant that does not fit the law.
@@ -60,6 +61,7 @@ class Film:
     loss_frequency_Hz: float = 1.0
     fabric: Fabric | None = None
     buckling_force_N_m: float = 0.0
+    stiffening: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("young_modulus_Pa", "thickness_m", "loss_frequency_Hz"):
@@ -85,6 +87,10 @@ class Film:
             )
         if self.buckling_force_N_m and self.law != "tension_field":
             raise InputError(f"buckling_force_N_m goes with law 'tension_field'; the law is {self.law!r}")
+        if not 0.0 <= self.stiffening < math.inf:
+            raise InputError(f"stiffening is {self.stiffening}; it must be 0 or more, and finite")
+        if self.stiffening and self.law != "neo_hookean":
+            raise InputError(f"stiffening goes with law 'neo_hookean'; the law is {self.law!r}")
         if self.wrinkle_panel_m is not None:
             if not 0.0 < self.wrinkle_panel_m < math.inf:
                 raise InputError(f"wrinkle_panel_m is {self.wrinkle_panel_m}; it must be positive and finite")

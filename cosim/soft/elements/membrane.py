@@ -12,11 +12,12 @@ fabric they are warp and weft, so that all triangles have one C, and its yarns s
 Source: any text on nonlinear finite elements, e.g. Bonet and Wood, chapter 9.
 "neo_hookean", an incompressible membrane, such as silicone, whose thickness follows from its area: with
 C = 2 E + 1, J = det C (the square of the stretch of area) and the shear modulus mu = E_0 / 3,
-    psi = mu t (tr C + 1 / J - 3) / 2,   N = mu t (1 - C^-1 / J).
+    psi = mu t (i + c i^2) / 2,   i = tr C + 1 / J - 3,   N = (1 + 2 c i) mu t (1 - C^-1 / J).
+c, `Film.stiffening`, is 0 for neo-Hookean rubber; with it this is Yeoh's law without its third term.
 psi is convex in E. At small strain it is the plain law of Young's modulus E_0 and Poisson's ratio 1/2. A
 sphere of drawn radius R has p = 2 mu t / R (1 / l - 1 / l^7), largest at the stretch l = 7^(1/6).
 Source: Holzapfel, Nonlinear Solid Mechanics, section 6.5; Mueller and Strehlow, Rubber and Rubber Balloons,
-chapter 2.
+chapter 2; Yeoh, Rubber Chemistry and Technology 66 (1993) 754.
 """
 
 from dataclasses import dataclass
@@ -45,12 +46,15 @@ from cosim.soft.linear.pattern import add_block
 
 
 @device_function
-def neo_hookean(strain: tuple[float, float, float], shear: float, n: Vector, c: Matrix) -> float:
+def neo_hookean(
+    strain: tuple[float, float, float], shear: float, stiffening: float, n: Vector, c: Matrix
+) -> float:
     """Fill n (3,) and c (3, 3), first and second derivative of the energy density by (E11, E22, 2 E12).
 
     Args:
         strain: E11, E22, 2 E12.
         shear: mu t [N/m].
+        stiffening: c of the module's text.
         n: filled.
         c: filled.
 
@@ -66,7 +70,16 @@ def neo_hookean(strain: tuple[float, float, float], shear: float, n: Vector, c: 
     c[0, 1] = c[1, 0] = cube * c11 * c22 - 2.0 * square
     c[0, 2] = c[2, 0] = -cube * c22 * c12
     c[1, 2] = c[2, 1] = -cube * c11 * c12
-    return 0.5 * shear * (c11 + c22 + inverse - 3.0)
+    i = c11 + c22 + inverse - 3.0
+    if stiffening == 0.0:
+        return 0.5 * shear * i  # infinite where the film has no area, which 0 times i is not
+    growth, outer = 1.0 + 2.0 * stiffening * i, 4.0 * stiffening / shear
+    for r in range(3):
+        for s in range(3):
+            c[r, s] = growth * c[r, s] + outer * n[r] * n[s]
+    for r in range(3):
+        n[r] *= growth
+    return 0.5 * shear * i * (1.0 + stiffening * i)
 
 
 @device_function
@@ -123,6 +136,7 @@ class MembraneRows(NamedTuple):
         compression: (2,), see `Film.compression`.
         forces: (m, 2) [N/m], see `wrinkling_forces`; empty for other laws.
         yarns: (2, 2), see `Film.yarns`.
+        stiffening: see `Film.stiffening`.
     """
 
     triangles: IndexTable
@@ -134,6 +148,7 @@ class MembraneRows(NamedTuple):
     compression: Vector
     forces: Matrix
     yarns: Matrix
+    stiffening: float
 
 
 # Quantity q of a lane is at s[q * LANES + lane], as in `hinge`.
@@ -311,7 +326,7 @@ def film_law(
         density = tension_field(strain, stiffness, film.compression, n, tangent)
         return density + _straighten(strain, film.yarns, n, tangent)
     if film.law == NEO_HOOKEAN:
-        return neo_hookean(strain, stiffness[2, 2], n, tangent)
+        return neo_hookean(strain, stiffness[2, 2], film.stiffening, n, tangent)
     if film.law != PLAIN:
         return edge_strain(strain, film.gradients[e], stiffness, n, tangent)
     for r in range(3):
@@ -505,7 +520,7 @@ class Membranes(LeafElement):
         return MembraneRows(
             writable(self.triangles), writable(self.shape_gradients), writable(self.areas),
             in_lanes(self.shape_gradients, self.areas), self._stiffness, self.film.law_code,
-            self._compression, self._forces, self._yarns,
+            self._compression, self._forces, self._yarns, self.film.stiffening,
         )  # fmt: skip
 
     @cached_property
