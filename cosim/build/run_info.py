@@ -23,8 +23,9 @@ from cosim.config.gas_rules import gas_report
 from cosim.config.schema.given_body import GivenBodyTable
 from cosim.config.schema.scenario import Scenario
 from cosim.devices import modelled_devices, sensor
-from cosim.plan.arm_limits import PlannedArm
+from cosim.plan.arm_limits import PLANNED, PlannedArm
 from cosim.plan.decision import CONTACT, Decision
+from cosim.plan.whole_ticks import lengths_s, rounding_warnings
 from cosim.reduced.section_model import SectionModel
 from cosim.soft.beams.beam_rings import stiffener_report, stiffener_strain
 from cosim.soft.body.body import SoftBody, hinge_energy_share
@@ -97,6 +98,8 @@ def stage_of(
         frames_length=_frames_length(body),
         sensors=sensor.sensor_names(scenario, carrier.joint_names),
         cameras=tuple(CameraInfo(one.name, one.size, one.fov_rad, one.rate_Hz) for one in scenario.cameras),
+        lengths_s=lengths_s(scenario),
+        rounded=tuple(f"{PLANNED}{text}" for text in rounding_warnings(scenario)),
     )
 
 

@@ -73,7 +73,7 @@ def _arm_line(name: str) -> str:
 
 
 def _check_built(path: Path) -> str:
-    """Check a scenario, robot or study file; return the checks that only a run can do, or an empty text.
+    """Check a scenario, robot or study file; return warnings, and the checks that only a run can do.
 
     Raises:
         ScenarioError: keys or values are wrong, or the model cannot be built.
@@ -83,6 +83,7 @@ def _check_built(path: Path) -> str:
     found = load_arms(path) if path.suffix == ".toml" and has_arms(path) else loading.load_file(path)
     # imported here: a file that cannot be read needs no engine
     from cosim.build.file_checks import check_arms, check_built, check_designs, check_robot, left_to_runs
+    from cosim.plan.whole_ticks import rounding_warnings
 
     if isinstance(found, studies.StudyTable):
         from cosim.sweeps.figure_names import check_figures
@@ -98,8 +99,9 @@ def _check_built(path: Path) -> str:
         check_robot(found)
         return ""
     scenarios = found.arms.values() if isinstance(found, ArmsScenario) else (found,)
+    rounded = "".join(f"; warning: {text}" for text in chain.from_iterable(map(rounding_warnings, scenarios)))
     left = "; ".join(dict.fromkeys(chain.from_iterable(map(left_to_runs, scenarios))))
-    return left and f"; only a run shows: {left}"
+    return rounded + (left and f"; only a run shows: {left}")
 
 
 def _check_search(path: Path, of_curves: bool) -> str:

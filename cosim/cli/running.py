@@ -51,7 +51,7 @@ class TerminalLine(progress.ProgressLine):
 
 @final
 class PlanWarnings:
-    """Warns before a run if its plan exceeds the arm's bounds, or the range of a section model.
+    """Warns before a run of rounded phases, exceeded bounds of the arm, or a section model's range.
 
     Args:
         stream: for the warnings, usually stderr.
@@ -62,7 +62,7 @@ class PlanWarnings:
 
     def open(self, stage: RunInfo) -> None:
         """Print the warnings."""
-        for line in () if stage.arm is None else stage.arm.warnings():
+        for line in (*stage.rounded, *(() if stage.arm is None else stage.arm.warnings())):
             tell(f"warning: {line}", self._stream)
         for decision in stage.modelled:
             if decision.what == SECTION_RANGE and not decision.included:

@@ -16,6 +16,7 @@ from cosim.telemetry.run_info import ObjectInfo, RunInfo
 _NOT_STORED: Final = (
     "membrane_stress", "hinge_energy_share", "stiffener_strain", "shapes", "arm", "tip_paths", "decay",
     "energy", "tip_measured_by", "tip_directions", "stored_m", "frames_length", "drawn",
+    "lengths_s", "rounded",
 )  # fmt: skip
 _STORED: Final = tuple(field.name for field in fields(RunInfo) if field.name not in _NOT_STORED)
 

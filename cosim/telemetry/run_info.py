@@ -108,6 +108,8 @@ class RunInfo(Shown):
         sensors: names, units and values of the sensors.
         cameras: their names, sizes and rates.
         drawn: coarser mesh of the film for recordings; None: the whole film is drawn.
+        lengths_s: durations that ticks should divide [s].
+        rounded: warnings of phases that are rounded to whole ticks.
     """
 
     scenario: str
@@ -150,6 +152,8 @@ class RunInfo(Shown):
     sensors: tuple[SensorNames, ...] = ()
     cameras: tuple[CameraInfo, ...] = ()
     drawn: DrawnFilm | None = None
+    lengths_s: tuple[float, ...] = ()
+    rounded: tuple[str, ...] = ()
 
     @property
     def names_along(self) -> Mapping[str, tuple[str, ...]]:

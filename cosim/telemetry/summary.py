@@ -243,7 +243,7 @@ class SummaryBuilder:
                 "reason": errors.reason,
                 "iterations": errors.iterations,
                 "wall_s": errors.wall_s,
-                "longer_tick_s": longer_tick_s(phases, stage.tick_s),
+                "longer_tick_s": longer_tick_s(phases, stage.tick_s, stage.lengths_s),
             },
             "branchings": state.branchings,
             "overlaps": state.overlaps,
@@ -267,6 +267,7 @@ class SummaryBuilder:
         if planned is not None:
             of_arm = [*planned.warnings(), *state.arm.warnings(planned.limits, self._stage.phase_names)]
         return [
+            *self._stage.rounded,
             *of_arm,
             *state.missed,
             *strength_warnings(state.phases),

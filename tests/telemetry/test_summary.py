@@ -173,20 +173,28 @@ def test_why_phases_have_no_bar_is_said_for_each_reason() -> None:
 
 
 def test_a_longer_tick_is_named_if_its_error_is_far_below_that_of_the_mesh() -> None:
-    def named(of_tick_m: float, tick_s: float = 2e-3, end_s: float = 2.0, reason: str | None = None) -> str:
+    def named(
+        of_tick_m: float,
+        tick_s: float = 2e-3,
+        end_s: float = 2.0,
+        reason: str | None = None,
+        ramp_s: float = 2.0,
+    ) -> str:
         parts = {"of_mesh": {"tip_m": 4e-3}, "of_tick": {"tip_m": of_tick_m} if of_tick_m else {}}
         figures = dict.fromkeys(("tip_m", "sag_m", "length_m", "volume_m3", "cable_tension_N", "peak_strain"))
         phases = [
             {"name": "hang", "end_s": 1.0, "error": None},
             {"name": "lift", "end_s": end_s, "error": figures | parts | {"reason": reason}},
         ]
-        longer_s = longer_tick_s(phases, tick_s)
+        longer_s = longer_tick_s(phases, tick_s, (2.0, ramp_s))
         return error_line({"phases": phases, "error": {"reason": None, "longer_tick_s": longer_s}})
 
     assert "tick_s = 0.01 " in named(8e-6), "25 times 8 um are a twentieth of 4 mm"
     assert "tick_s = 0.008 " in named(8.1e-6)
     assert "tick_s = 0.004 " in named(49e-6)
     assert "tick_s = 0.004 " in named(8e-6, end_s=2.012), "phases of 500 and 506 ticks"
+    assert "tick_s = 0.004 " in named(8e-6, ramp_s=0.012), "a linear ramp of 6 ticks"
+    assert "tick_s" not in named(8e-6, ramp_s=0.011), "of 5.5 ticks, which is rounded as it is"
     assert "tick_s" not in named(51e-6)
     assert "tick_s" not in named(1e-9, tick_s=6e-3), "bars of longer ticks were not compared with errors"
     assert "tick_s" not in named(8e-6, reason="it touches something")

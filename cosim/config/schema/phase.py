@@ -246,7 +246,7 @@ class PhaseTable(Table):
 
     Args:
         name: of the phase, in overrides, curves and the summary.
-        duration_s: of the ramp; with `tip_path` omit it: it follows from the path.
+        duration_s: of the ramp; with `tip_path` omit it: it follows from the path, stretched to whole ticks.
         settle_s: time after the ramp in which the end values are held.
         increments: of the ramp, in the quasistatic mode.
         ramp: "smooth" is the minimum-jerk quintic.

@@ -49,7 +49,7 @@ class ClockTable(Table):
     """The lockstep clock: rigid and soft side advance by one tick at a time.
 
     Args:
-        tick_s: time step of both sides.
+        tick_s: time step of both sides. Phases last whole ticks; a run warns if it rounds one.
     """
 
     tick_s: Annotated[float, Interval(gt=0.0, ge=1e-6, le=0.1)] = 0.002
