@@ -13,7 +13,17 @@ from cosim.build.expected_error import expected_error, expected_error_report, ex
 from cosim.build.simulation import build
 from cosim.config.loading import load_scenario
 
-CONDITIONS = {"law", "stiffener", "sides", "refine", "mesh", "refine_holes", "neck", "least_width_m"}
+CONDITIONS = {
+    "law",
+    "stiffener",
+    "sides",
+    "refine",
+    "mesh",
+    "refine_holes",
+    "neck",
+    "least_width_m",
+    "side_ratio",
+}
 DRAWN = {"soft_robot.stack.mesh": "drawn"}
 FIGURES = {"of", "low", "high", "against", "source"}
 
@@ -77,6 +87,8 @@ def test_shipped_stacks_are_measured_from_2_to_40_kPa(robot: str) -> None:
             (-0.13, 0.06),
             (-0.05, -0.05),
         ),
+        ({"soft_robot": "square_core_identified"}, (0.01, 0.04), (-0.05, -0.03)),
+        ({"soft_robot.stiffener.side_ratio": 0.98}, None, None),
         ({"soft_robot.stack.sides": 5}, None, None),
         ({"soft_robot.film.law": "tension_field"}, None, None),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -21,19 +23,22 @@ from cosim.soft.solve.state import Equilibrium, SoftState
 WEIGHTLESS = (0.0, 0.0, 0.0)
 
 
-def solver_of(ratio: float, refine: int = 0) -> EquilibriumSolver:
-    """Return a solver of three square units whose frames rest on one another."""
-    changes = {
-        "model.published": False,
-        "soft_robot.stiffener.side_ratio": ratio,
-        "soft_robot.stack.refine": refine,
-    }
-    scenario = load_scenario("three_unit_inflation", changes)
+def solver_of_robot(robot: dict[str, Any] | str, **changes: Any) -> EquilibriumSolver:
+    """Return a solver of a robot on a fixed flange."""
+    scenario = load_scenario(
+        "three_unit_inflation", {"model.published": False, "soft_robot": robot, **changes}
+    )
     assert isinstance(scenario.soft_robot, SoftRobotTable)
     body = build_soft_body(scenario.soft_robot, scenario.model)
     clamp = Clamp.of_base(body)
     newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
     return EquilibriumSolver(newton, clamp, NewtonOptions(reuse_max=8, reuse_below_N=1.0))
+
+
+def solver_of(ratio: float, refine: int = 0) -> EquilibriumSolver:
+    """Return a solver of three square units whose frames rest on one another."""
+    sizes = {"soft_robot.stiffener.side_ratio": ratio, "soft_robot.stack.refine": refine}
+    return solver_of_robot("square_core", **sizes)
 
 
 def hung(solver: EquilibriumSolver) -> Equilibrium:
@@ -79,12 +84,23 @@ def test_fitting_film_starts_from_its_drawn_shape() -> None:
 
 
 def test_the_stiff_frame_s_film_opens_as_well() -> None:
-    changes = {"model.published": False, "soft_robot.stiffener": {"kind": "stiff", "side_ratio": 0.99}}
-    scenario = load_scenario("three_unit_inflation", changes)
-    assert isinstance(scenario.soft_robot, SoftRobotTable)
-    body = build_soft_body(scenario.soft_robot, scenario.model)
-    clamp = Clamp.of_base(body)
-    newton = NewtonSolver(FilmPotential(body), clamp.mask(body.nodes))
-    solver = EquilibriumSolver(newton, clamp, NewtonOptions(reuse_max=8, reuse_below_N=1.0))
-    assert is_slack(body)
+    solver = solver_of_robot({"file": "square_core", "stiffener": {"kind": "stiff", "side_ratio": 0.99}})
+    assert is_slack(solver.body)
     assert length_mm(solver, hung(solver)) == pytest.approx(6.0 * np.sqrt(1.0 - 0.99**2) * 30.0, rel=0.08)
+
+
+@pytest.mark.long
+def test_one_identified_unit_is_as_near_to_the_mesh_refined_twice_as_runs_report() -> None:
+    found = []
+    for stack in ({"mesh": "graded"}, {"mesh": "drawn", "refine": 2}):
+        robot = {"file": "square_core_identified", "stack": {"units": 1, **stack}}
+        solver = solver_of_robot(robot)
+        here, of_mesh = hung(solver), []
+        for pressure in (2e3, 40e3):
+            here = solver.follow(here, Pose(), Loads((pressure,), (), WEIGHTLESS))
+            volume = solver.solver.film.gas.enclosed_volumes(here.state.positions[None])[0, 0]
+            of_mesh.append((length_mm(solver, here) - 2.0, volume))
+        found.append(of_mesh)
+    extension, volume = (np.array(found[0]) / np.array(found[1]) - 1.0).T
+    assert 0.005 < extension.min() < extension.max() < 0.045
+    assert -0.055 < volume.min() < volume.max() < -0.025
