@@ -1,4 +1,8 @@
-"""How far a golden figure may move: by its unit, or by the spread of runs that start 1 um apart."""
+"""How far a golden figure may move: by its unit, or by the spread of runs that start 1 um apart.
+
+Of `spool` and `two_arms` the spread also covers code for AVX2 and for AVX-512, which rounds in another way:
+cables of the first slide back at other ticks.
+"""
 
 from __future__ import annotations
 
