@@ -1,6 +1,7 @@
 """Silicone membranes that lift a mass, beside measured ones: pressure over the height of the contact disc.
 
     python benchmarks/silicone_discs.py [--designs FILE] [--sectors 36] [--picture FILE] [--json FILE]
+    python benchmarks/silicone_discs.py --centred --ring-ratio 34
     python benchmarks/silicone_discs.py --robot robots/silicone_disc.obj
 
 A membrane of Ecoflex 00-30, clamped at a radius of 70 mm, lifts a dead load through a stiff disc in its
@@ -15,6 +16,8 @@ Three models, each with less left open; all that is not named as fitted is predi
                 C_2 = 0.1 kPa, c = C_2 / C_1 (repository BJCaasenbrood/SorotokiCode, Ecoflex0030.m).
     soft rings  the same; rings bend freely, and their modulus is fitted to the smallest load of each membrane
                 with rings. What the rings are made of is not in the data.
+With --ring-ratio only the second model's modulus is fitted, and rings bend freely, so many times as stiff as
+the silicone. With --centred a ring reaches from its radius less its width to its radius plus its width.
 The disc is a rigid plate and stays level. At each height the pressure is sought at which it carries the load.
 """
 
@@ -83,10 +86,15 @@ class Design:
     rings_m: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def of(cls, row: Mapping[str, str]) -> Design:
-        """Return the design of a row of the file."""
+    def of(cls, row: Mapping[str, str], *, centred: bool = False) -> Design:
+        """Return the design of a row of the file.
+
+        Args:
+            row: of the file.
+            centred: whether a ring's radius is that of its middle, and its width half of its breadth.
+        """
         thickness, contact, *rings = (1e-3 * float(row[name]) for name in DESIGN)
-        pairs = [(a, a + b) for a, b in zip(rings[::2], rings[1::2], strict=True)]
+        pairs = [(a - b if centred else a, a + b) for a, b in zip(rings[::2], rings[1::2], strict=True)]
         return cls(thickness, contact, tuple(pair for pair in pairs if not math.isnan(pair[0])))
 
     @cached_property
@@ -273,12 +281,12 @@ class Curve:
     deviation_Pa: Array
 
 
-def read_curves(path: Path) -> list[Curve]:
-    """Return the curves of a file, see the module's text."""
+def read_curves(path: Path, *, centred: bool = False) -> list[Curve]:
+    """Return the curves of a file, see the module's text and `Design.of`."""
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     rows: dict[tuple[Design, float], list[dict[str, str]]] = {}
     for row in csv.DictReader(lines):
-        rows.setdefault((Design.of(row), float(row["force_N"])), []).append(row)
+        rows.setdefault((Design.of(row, centred=centred), float(row["force_N"])), []).append(row)
     curves = []
     for (design, load), points in rows.items():
         known = {
@@ -306,9 +314,15 @@ def mean_error(curves: Sequence[Curve], rubber: Rubber, sectors: int) -> float:
     return float(np.nanmean(np.concatenate(off)))
 
 
-def models(sectors: int) -> dict[str, Rubber]:
-    """Return the three models, fitted to the measured curves that the module's text names."""
-    curves = read_curves(MEASURED)
+def models(sectors: int, *, centred: bool = False, ring_ratio: float | None = None) -> dict[str, Rubber]:
+    """Return the three models, fitted to the measured curves that the module's text names.
+
+    Args:
+        sectors: of the mesh.
+        centred: see `Design.of`.
+        ring_ratio: modulus of rings over that of the silicone; given, it is the only model.
+    """
+    curves = read_curves(MEASURED, centred=centred)
     least = min(curve.load_N for curve in curves)
     plain = [c for c in curves if c.load_N == least and not c.design.rings_m]
     ringed = [c for c in curves if c.load_N == least and c.design.rings_m]
@@ -320,6 +334,8 @@ def models(sectors: int) -> dict[str, Rubber]:
         return Rubber(float(brentq(off, 5e4, 1.6e5, rtol=1e-3)), stiffening)
 
     stiffening = of(STIFFENING)
+    if ring_ratio is not None:
+        return {"given rings": replace(stiffening, ring_ratio=ring_ratio, ring_hinge_Nm=FREE_Nm)}
 
     def softer(log_ratio: float) -> Rubber:
         return replace(stiffening, ring_ratio=math.exp(log_ratio), ring_hinge_Nm=FREE_Nm)
@@ -365,7 +381,7 @@ def draw(curves: Sequence[Curve], found: Mapping[str, Sequence[Array]], path: Pa
                 1e3 * curve.heights_m, 1e-3 * curve.measured_Pa, 1e-3 * curve.deviation_Pa, fmt="o", ms=3,
                 color=colour, label=f"{curve.load_N:.1f} N",
             )  # fmt: skip
-            for pressures, style in zip(found.values(), (":", "--", "-"), strict=True):
+            for pressures, style in zip(found.values(), (":", "--", "-")[-len(found) :], strict=True):
                 panel.plot(1e3 * curve.heights_m, 1e-3 * pressures[k], style, color=colour, lw=1.2)
         panel.legend(fontsize=8)
     axes[0, 0].set_ylabel("pressure [kPa]")
@@ -402,17 +418,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--designs", type=Path, default=MEASURED)
     parser.add_argument("--sectors", type=int, default=36)
+    parser.add_argument("--centred", action="store_true")
+    parser.add_argument("--ring-ratio", type=float)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--robot", type=Path, help="write the mesh of the first design, and nothing else")
     options = parser.parse_args()
-    curves = read_curves(options.designs)
+    curves = read_curves(options.designs, centred=options.centred)
     if options.robot:
         write_robot(options.robot, curves[0].design, options.sectors)
         return
     found: dict[str, list[Array]] = {}
     rows: dict[str, Any] = {}
-    for name, rubber in models(options.sectors).items():
+    made = models(options.sectors, centred=options.centred, ring_ratio=options.ring_ratio)
+    for name, rubber in made.items():
         print(
             f"\n{name}: E = {1e-3 * rubber.young_modulus_Pa:.1f} kPa, c = {rubber.stiffening:.4f}, rings "
             f"{rubber.ring_ratio:.0f} times as stiff\n"
