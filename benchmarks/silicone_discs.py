@@ -1,7 +1,6 @@
 """Silicone membranes that lift a mass, beside measured ones: pressure over the height of the contact disc.
 
     python benchmarks/silicone_discs.py [--designs FILE] [--sectors 36] [--picture FILE] [--json FILE]
-    python benchmarks/silicone_discs.py --centred --ring-ratio 34
     python benchmarks/silicone_discs.py --robot robots/silicone_disc.obj
 
 A membrane of Ecoflex 00-30, clamped at a radius of 70 mm, lifts a dead load through a stiff disc in its
@@ -9,16 +8,15 @@ middle. Some have stiff rings in the silicone. FILE has a design and a measured 
 docs/silicone_discs.csv; rows with only a design and its load are predicted at heights of 10 to 60 mm. Fits
 use the measured file alone.
 
-Three models, each with less left open; all that is not named as fitted is predicted:
+Three models; all that is not named as fitted is predicted:
     rubber      neo-Hookean; its modulus is fitted to the membrane without rings under the smallest load.
-                Rings are rigid plates.
+                Rings bend freely and have the 3 MPa of the authors' simulation.
     stiffening  the same, with the stiffening of published Ecoflex 00-30: Yeoh's constants C_1 = 8.4 kPa and
                 C_2 = 0.1 kPa, c = C_2 / C_1 (repository BJCaasenbrood/SorotokiCode, Ecoflex0030.m).
-    soft rings  the same; rings bend freely, and their modulus is fitted to the smallest load of each membrane
-                with rings. What the rings are made of is not in the data.
-With --ring-ratio only the second model's modulus is fitted, and rings bend freely, so many times as stiff as
-the silicone. With --centred a ring reaches from its radius less its width to its radius plus its width.
-The disc is a rigid plate and stays level. At each height the pressure is sought at which it carries the load.
+    other rings the same, with the rings' modulus fitted to the smallest load of each membrane with rings.
+A ring reaches from its radius less its width to its radius plus its width, as the authors' simulation has it:
+so all designs keep gaps of 3 mm. The disc is a rigid plate and stays level. At each height the pressure is
+sought at which it carries the load.
 """
 
 from __future__ import annotations
@@ -62,9 +60,10 @@ ROW_m: Final = 0.004
 EASY_N, LOADS, HALVES = 12.0, 6, 2
 """A load that all designs carry at the first height, from which the load rises in so many steps; steps
 between two heights."""
-PLATE_Nm, FREE_Nm, RIGID = 1.0, 1e-3, 1e3
-"""Stiffness of the hinges in rings that are plates, and in those that bend [N m/rad]; modulus of rigid rings
-over that of the silicone."""
+RING_Pa: Final = 3e6
+"""Modulus of the rings in the authors' simulation."""
+HINGE_Nm: Final = 1e-3
+"""Stiffness of the hinges in a ring [N m/rad], which hardly matters."""
 DESIGN: Final = (
     "thickness_mm", "contact_radius_mm",
     "ring1_radius_mm", "ring1_width_mm", "ring2_radius_mm", "ring2_width_mm",
@@ -86,15 +85,10 @@ class Design:
     rings_m: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def of(cls, row: Mapping[str, str], *, centred: bool = False) -> Design:
-        """Return the design of a row of the file.
-
-        Args:
-            row: of the file.
-            centred: whether a ring's radius is that of its middle, and its width half of its breadth.
-        """
+    def of(cls, row: Mapping[str, str]) -> Design:
+        """Return the design of a row of the file."""
         thickness, contact, *rings = (1e-3 * float(row[name]) for name in DESIGN)
-        pairs = [(a - b if centred else a, a + b) for a, b in zip(rings[::2], rings[1::2], strict=True)]
+        pairs = [(a - b, a + b) for a, b in zip(rings[::2], rings[1::2], strict=True)]
         return cls(thickness, contact, tuple(pair for pair in pairs if not math.isnan(pair[0])))
 
     @cached_property
@@ -120,14 +114,12 @@ class Rubber:
     Args:
         young_modulus_Pa: of the silicone.
         stiffening: of the silicone, see `Film`.
-        ring_ratio: modulus of the rings over that of the silicone.
-        ring_hinge_Nm: stiffness of the hinges in a ring [N m/rad].
+        ring_Pa: modulus of the rings.
     """
 
     young_modulus_Pa: float
     stiffening: float = 0.0
-    ring_ratio: float = RIGID
-    ring_hinge_Nm: float = PLATE_Nm
+    ring_Pa: float = RING_Pa
 
 
 @dataclass(frozen=True)
@@ -184,13 +176,13 @@ class Membrane:
         """Return the membrane as a soft body."""
         modulus, thickness = rubber.young_modulus_Pa, self.design.thickness_m
         silicone = Film(modulus, 0.5, thickness, "neo_hookean", stiffening=rubber.stiffening)
-        ring = Film(rubber.ring_ratio * modulus, 0.3, thickness)
+        ring = Film(rubber.ring_Pa, 0.3, thickness)
         groups = {"silicone": np.flatnonzero(~self.in_ring), "ring": np.flatnonzero(self.in_ring)}
         films = {"silicone": silicone} | ({"ring": ring} if self.in_ring.any() else {})
         nodes = interior_hinges(self.triangles[self.in_ring]) if self.in_ring.any() else None
         return SoftBody.from_arrays(
             self.positions, self.triangles, films, face_groups={name: groups[name] for name in films},
-            hinge_nodes=nodes, hinge_stiffness=rubber.ring_hinge_Nm, tip=self.disc[1:],
+            hinge_nodes=nodes, hinge_stiffness=HINGE_Nm, tip=self.disc[1:],
         )  # fmt: skip
 
 
@@ -281,12 +273,12 @@ class Curve:
     deviation_Pa: Array
 
 
-def read_curves(path: Path, *, centred: bool = False) -> list[Curve]:
-    """Return the curves of a file, see the module's text and `Design.of`."""
+def read_curves(path: Path) -> list[Curve]:
+    """Return the curves of a file, see the module's text."""
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     rows: dict[tuple[Design, float], list[dict[str, str]]] = {}
     for row in csv.DictReader(lines):
-        rows.setdefault((Design.of(row, centred=centred), float(row["force_N"])), []).append(row)
+        rows.setdefault((Design.of(row), float(row["force_N"])), []).append(row)
     curves = []
     for (design, load), points in rows.items():
         known = {
@@ -314,15 +306,9 @@ def mean_error(curves: Sequence[Curve], rubber: Rubber, sectors: int) -> float:
     return float(np.nanmean(np.concatenate(off)))
 
 
-def models(sectors: int, *, centred: bool = False, ring_ratio: float | None = None) -> dict[str, Rubber]:
-    """Return the three models, fitted to the measured curves that the module's text names.
-
-    Args:
-        sectors: of the mesh.
-        centred: see `Design.of`.
-        ring_ratio: modulus of rings over that of the silicone; given, it is the only model.
-    """
-    curves = read_curves(MEASURED, centred=centred)
+def models(sectors: int) -> dict[str, Rubber]:
+    """Return the three models, fitted to the measured curves that the module's text names."""
+    curves = read_curves(MEASURED)
     least = min(curve.load_N for curve in curves)
     plain = [c for c in curves if c.load_N == least and not c.design.rings_m]
     ringed = [c for c in curves if c.load_N == least and c.design.rings_m]
@@ -334,16 +320,13 @@ def models(sectors: int, *, centred: bool = False, ring_ratio: float | None = No
         return Rubber(float(brentq(off, 5e4, 1.6e5, rtol=1e-3)), stiffening)
 
     stiffening = of(STIFFENING)
-    if ring_ratio is not None:
-        return {"given rings": replace(stiffening, ring_ratio=ring_ratio, ring_hinge_Nm=FREE_Nm)}
 
-    def softer(log_ratio: float) -> Rubber:
-        return replace(stiffening, ring_ratio=math.exp(log_ratio), ring_hinge_Nm=FREE_Nm)
+    def with_rings(log_ring_Pa: float) -> Rubber:
+        return replace(stiffening, ring_Pa=math.exp(log_ring_Pa))
 
-    log_ratio = brentq(
-        lambda x: mean_error(ringed, softer(x), sectors), math.log(5.0), math.log(500.0), xtol=0.02
-    )
-    return {"rubber": of(0.0), "stiffening": stiffening, "soft rings": softer(float(log_ratio))}
+    bounds = math.log(3e5), math.log(3e7)
+    fitted = brentq(lambda x: mean_error(ringed, with_rings(x), sectors), *bounds, xtol=0.02)
+    return {"rubber": of(0.0), "stiffening": stiffening, "other rings": with_rings(float(fitted))}
 
 
 def described(curve: Curve, pressure_Pa: Array) -> dict[str, Any]:
@@ -381,7 +364,7 @@ def draw(curves: Sequence[Curve], found: Mapping[str, Sequence[Array]], path: Pa
                 1e3 * curve.heights_m, 1e-3 * curve.measured_Pa, 1e-3 * curve.deviation_Pa, fmt="o", ms=3,
                 color=colour, label=f"{curve.load_N:.1f} N",
             )  # fmt: skip
-            for pressures, style in zip(found.values(), (":", "--", "-")[-len(found) :], strict=True):
+            for pressures, style in zip(found.values(), (":", "-", "--"), strict=True):
                 panel.plot(1e3 * curve.heights_m, 1e-3 * pressures[k], style, color=colour, lw=1.2)
         panel.legend(fontsize=8)
     axes[0, 0].set_ylabel("pressure [kPa]")
@@ -418,23 +401,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--designs", type=Path, default=MEASURED)
     parser.add_argument("--sectors", type=int, default=36)
-    parser.add_argument("--centred", action="store_true")
-    parser.add_argument("--ring-ratio", type=float)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--robot", type=Path, help="write the mesh of the first design, and nothing else")
     options = parser.parse_args()
-    curves = read_curves(options.designs, centred=options.centred)
+    curves = read_curves(options.designs)
     if options.robot:
         write_robot(options.robot, curves[0].design, options.sectors)
         return
     found: dict[str, list[Array]] = {}
     rows: dict[str, Any] = {}
-    made = models(options.sectors, centred=options.centred, ring_ratio=options.ring_ratio)
-    for name, rubber in made.items():
+    for name, rubber in models(options.sectors).items():
         print(
-            f"\n{name}: E = {1e-3 * rubber.young_modulus_Pa:.1f} kPa, c = {rubber.stiffening:.4f}, rings "
-            f"{rubber.ring_ratio:.0f} times as stiff\n"
+            f"\n{name}: E = {1e-3 * rubber.young_modulus_Pa:.1f} kPa, c = {rubber.stiffening:.4f}, rings of "
+            f"{1e-6 * rubber.ring_Pa:.2f} MPa\n"
             "| membrane | load [N] | heights | median | largest |\n|---|---:|---:|---:|---:|"
         )
         found[name] = [predicted(curve, rubber, options.sectors) for curve in curves]

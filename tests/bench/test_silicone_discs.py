@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -50,27 +51,13 @@ def test_without_stiffening_the_pressure_falls_too_low_as_the_membrane_is_stretc
     assert plain[-2] < -0.10
 
 
-def test_rings_are_predicted_with_one_modulus_of_theirs() -> None:
-    soft = Rubber(RUBBER.young_modulus_Pa, STIFFENING, 45.0, 1e-3)
-    ringed = [c for c in read_curves(MEASURED) if c.design.rings_m and c.load_N > 15.0]
-    assert len(ringed) == 6
-    for curve in ringed:
-        off = np.abs(predicted(curve, soft, SECTORS) / curve.measured_Pa - 1.0)
-        assert np.nanmedian(off) < 0.10
-
-
-def test_rings_reach_to_both_sides_of_their_radius() -> None:
-    # as the authors' simulation has them; from their radius outwards, they are 10 to 19 % too soft on top
-    curves = [
-        c for c in read_curves(MEASURED, centred=True) if c.design.thickness_m == pytest.approx(2.33e-3)
-    ]
-    curve = curves[1]
+def test_rings_are_predicted_without_a_fit_to_them() -> None:
+    (curve,) = (c for c in read_curves(MEASURED) if (c.load_N, c.design.thickness_m) == (24.525, 2.33e-3))
     assert curve.design.rings_m == (pytest.approx((0.03263, 0.04263)), pytest.approx((0.057, 0.067)))
-    rings = Rubber(RUBBER.young_modulus_Pa, STIFFENING, 15.0, 1e-3)
-    off = np.abs(predicted(curve, rings, SECTORS) / curve.measured_Pa - 1.0)
-    assert off.max() < 0.06
-    outwards = next(c for c in read_curves(MEASURED) if (c.load_N, c.design.thickness_m) == (24.525, 2.33e-3))
-    assert predicted(outwards, rings, SECTORS)[-1] / curve.measured_Pa[-1] - 1.0 < -0.15
+    off = np.abs(predicted(curve, RUBBER, SECTORS) / curve.measured_Pa - 1.0)
+    assert off.max() < 0.10
+    softer = replace(RUBBER, ring_Pa=3e5)
+    assert predicted(curve, softer, SECTORS)[-1] / curve.measured_Pa[-1] - 1.0 < -0.15
 
 
 def line_of_rings(rubber: Rubber, design: Design) -> Callable[[Array, float], Array]:
