@@ -47,7 +47,8 @@ def test_convergence_is_quadratic(closed: bool) -> None:
 def test_deflated_arm_takes_the_full_pressure_in_one_increment() -> None:
     # the tangent of the flat arm under 30 kPa is indefinite
     arm = held(hexagon_arm(10))
-    result = inflated(arm, NewtonOptions(iterations_max=200))
+    # 176 iterations with code for AVX2, 220 for AVX-512, which rounds in another way, to the same equilibrium
+    result = inflated(arm, NewtonOptions(iterations_max=300))
     assert result.outcome is Outcome.CONVERGED
     assert result.shifted > 0
     assert result.factorisations > result.iterations

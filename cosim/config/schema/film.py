@@ -99,7 +99,7 @@ class FilmTable(Table):
         buckling_force_N_m: compression per width, across any line, at which a film with law = "tension_field"
             wrinkles, such as E t^2 / (r sqrt(3 (1 - nu^2))) of a sheet curved with radius r.
         stiffening: of a film with law = "neo_hookean", which stiffens at large stretch: the second constant
-            of Yeoh's law over the first, such as 0.03 of soft silicone.
+            of Yeoh's law over the first, such as 0.012 of soft silicone.
         loss_factor: tan delta of the sheet, from its data sheet: in the dynamic mode it damps stretching and
             bending; rigid motion is not damped.
         loss_frequency_Hz: of that loss factor; that of a Kelvin-Voigt material is proportional to frequency.
